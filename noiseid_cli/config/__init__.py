@@ -1,0 +1,1 @@
+"""Experiment files: YAML with places, the schema, overrides."""

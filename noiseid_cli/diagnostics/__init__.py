@@ -1,0 +1,1 @@
+"""Diagnostics: does a filter agree with its data."""

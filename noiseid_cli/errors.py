@@ -1,0 +1,63 @@
+"""The errors that noiseid raises on purpose, each with the exit code it ends a command with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+class NoiseidError(Exception):
+    """A fault that the user can act on; its text says what is wrong and what to do."""
+
+    exit_code = 3
+
+
+class DataError(NoiseidError):
+    """A recording or a file of ours cannot be used as it is."""
+
+
+class ModelError(NoiseidError):
+    """A model is not known, cannot be loaded or has faulty equations."""
+
+
+class EstimationError(NoiseidError):
+    """A method cannot be run on this problem (not: it ran and did not converge)."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One thing that is wrong with a text file, with its place.
+
+    Attributes:
+        line: line number, from 1.
+        column: column number, from 1.
+        path: the setting in dotted form, such as ``simulate.samples``; empty for the file as a whole.
+        message: what is wrong and what is allowed.
+        excerpt: the line itself, as it stands in the file.
+    """
+
+    line: int
+    column: int
+    path: str
+    message: str
+    excerpt: str = ""
+
+
+class ConfigError(NoiseidError):
+    """An experiment file is wrong; carries every problem that was found."""
+
+    def __init__(self, file: str, problems: list[Problem]) -> None:
+        """Keep the file's name and all problems, ordered by place."""
+        self.file = file
+        self.problems = sorted(problems, key=lambda p: (p.line, p.column))
+        super().__init__("\n".join(self.lines()))
+
+    def lines(self) -> list[str]:
+        """Render each problem as ``file:line:column: path: message``, with the line it is on below."""
+        out = []
+        for p in self.problems:
+            where = f"{self.file}:{p.line}:{p.column}: "
+            out.append(where + (f"{p.path}: " if p.path else "") + p.message)
+            if p.excerpt:
+                out.append(f"    {p.excerpt.rstrip()}")
+                out.append("    " + " " * (p.column - 1) + "^")
+        return out

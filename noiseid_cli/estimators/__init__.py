@@ -1,0 +1,1 @@
+"""Estimators of noise covariances: one algorithm, one file."""

@@ -1,0 +1,1 @@
+"""Models: equations, their compilation, and the recordings they are confronted with."""

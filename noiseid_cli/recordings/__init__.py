@@ -1,0 +1,1 @@
+"""Measured recordings: reading log files and turning them into datasets."""

@@ -1,0 +1,1 @@
+"""Simulation: trajectories, controllers and closed-loop rollout."""
