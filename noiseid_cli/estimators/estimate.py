@@ -6,29 +6,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Literal
 
+from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.models.recording import Array
+
+__all__ = ["Estimate", "NoiseValues", "Progress", "Status"]
 
 Status = Literal["converged", "max_passes", "stalled_fixed_point", "degenerate_data", "diverged", "numerical", "failed"]
 
 Progress = Callable[[int, float], None]
 """Called after each pass over the data with the pass number (from 1) and the log-likelihood."""
-
-
-@dataclass(frozen=True)
-class NoiseValues:
-    """Everything that is random about a model.
-
-    Attributes:
-        Q: (nv, nv) covariance of the process noise.
-        R: (ny, ny) covariance of the measurement noise.
-        m0: (tests, nx) mean of the first state of each test.
-        P0: (nx, nx) covariance of the first state, the same for all tests.
-    """
-
-    Q: Array
-    R: Array
-    m0: Array
-    P0: Array
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,7 @@ Input and noise are held over the interval. The noise is per sample: v is the he
 
 from __future__ import annotations
 
-import numpy as np
-from numba import njit
+from noiseid_cli.models.jit import routine
 
 DISCRETE = 0  # the equations give the next state themselves
 EULER = 1
@@ -14,7 +13,7 @@ RK4 = 2
 SCHEMES = {"discrete": DISCRETE, "euler": EULER, "rk4": RK4}
 
 
-@njit(error_model="numpy", inline="never")
+@routine
 def transition(scheme, jacobian, x, u, dt, p, x_next, F, G, work):  # type: ignore[no-untyped-def]
     """One step with its Jacobians: x_next = F1(x, u), F = dF1/dx, G = F2 = dx_next/dv at v = 0.
 
@@ -24,7 +23,7 @@ def transition(scheme, jacobian, x, u, dt, p, x_next, F, G, work):  # type: igno
         x, u, p: state (n,), input (nu,), parameters (np,).
         dt: interval, s.
         x_next, F, G: outputs, (n,), (n, n), (n, nv).
-        work: scratch (rk4_rows(n, nv), n + nv + 1); not read for DISCRETE and EULER.
+        work: scratch (work_size(n, nv),); not read for DISCRETE and EULER.
     """
     n, nv = G.shape
     if scheme == DISCRETE:
@@ -43,7 +42,7 @@ def transition(scheme, jacobian, x, u, dt, p, x_next, F, G, work):  # type: igno
     _runge_kutta(jacobian, x, u, dt, p, x_next, F, G, work)
 
 
-@njit(error_model="numpy", inline="never")
+@routine
 def _runge_kutta(jacobian, x, u, dt, p, x_next, F, G, work):  # type: ignore[no-untyped-def]
     """Classical fourth-order step; its Jacobians follow by the chain rule through the four stages.
 
@@ -51,13 +50,13 @@ def _runge_kutta(jacobian, x, u, dt, p, x_next, F, G, work):  # type: ignore[no-
     K_s = [A_s (I + c dt K_x), A_s c dt K_v + B_s], A_s and B_s taken at the stage's own state.
     """
     n, nv = G.shape
-    stage = np.empty(n)
-    k = np.empty(n)
-    A = np.empty((n, n))
-    B = np.empty((n, nv))
-    K = work[:n]
-    K_new = work[n : 2 * n]
-    total = work[2 * n : 3 * n]
+    columns = n + nv + 1
+    stage = work[:n]
+    k = work[n : 2 * n]
+    A = work[2 * n : 2 * n + n * n].reshape(n, n)
+    B = work[2 * n + n * n : 2 * n + n * n + n * nv].reshape(n, nv)
+    stages = work[2 * n + n * n + n * nv :].reshape(3, n, columns)
+    K, K_new, total = stages[0], stages[1], stages[2]
     K[:] = 0.0
     total[:] = 0.0
     k[:] = 0.0
@@ -75,7 +74,7 @@ def _runge_kutta(jacobian, x, u, dt, p, x_next, F, G, work):  # type: ignore[no-
                 K_new[i, j] = value
             K_new[i, n + nv] = k[i]
         for i in range(n):
-            for j in range(n + nv + 1):
+            for j in range(columns):
                 K[i, j] = K_new[i, j]
                 total[i, j] += w * K_new[i, j]
     for i in range(n):
@@ -87,6 +86,7 @@ def _runge_kutta(jacobian, x, u, dt, p, x_next, F, G, work):  # type: ignore[no-
             G[i, j] = total[i, n + j]
 
 
-def work_shape(n: int, nv: int) -> tuple[int, int]:
-    """Shape of the scratch array that ``transition`` wants."""
-    return 3 * n, n + nv + 1
+@routine
+def work_size(n, nv):  # type: ignore[no-untyped-def]
+    """Length of the scratch array that ``transition`` wants."""
+    return 2 * n + n * n + n * nv + 3 * n * (n + nv + 1)

@@ -1,0 +1,257 @@
+"""EM with the extended Kalman smoother (axelsson2011_poster, Alg. 1), with or without SQUAREM acceleration.
+
+E-step: ``em_statistics``; M-steps: ``unknowns`` and ``structure``. ``acceleration="none"`` is the paper's algorithm.
+SQUAREM (Varadhan & Roland, Scand. J. Statist. 35, 2008, scheme S3) extrapolates two EM steps in the free coordinates;
+an extrapolated point is kept only if the log-likelihood does not fall there, so that the fixed points are EM's own.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from noiseid_cli.estimators.em_statistics import LINEARISATIONS, Statistics, e_step
+from noiseid_cli.estimators.estimate import Estimate, Progress, Status
+from noiseid_cli.estimators.unknowns import Unknowns
+from noiseid_cli.filters.ekf import FilterDivergedError
+from noiseid_cli.models.compiled import CompiledModel
+from noiseid_cli.models.noise import NoiseValues
+from noiseid_cli.models.recording import Array, Recording
+
+
+@dataclass(frozen=True)
+class EmOptions:
+    """Options of ``estimate``.
+
+    Attributes:
+        linearisation: ``smoothed`` (the paper's) or ``filtered``, see ``em_statistics.e_step``.
+        acceleration: ``squarem`` or ``none``.
+        max_passes: give up after so many passes over the data.
+        loglik_tolerance: the log-likelihood counts as at rest when a pass changes it by at most this much.
+        parameter_tolerance: so do the parameters when an EM step changes no log standard deviation and no
+            correlation by more than this.
+        stop: which of the two must be at rest; ``loglik`` with tolerance 0 is the paper's rule (no further rise).
+        fall_tolerance: a fall of the log-likelihood up to this is accepted from the acceleration: the likelihood of an
+            extended Kalman filter can be jagged.
+    """
+
+    linearisation: Literal["smoothed", "filtered"] = "smoothed"
+    acceleration: Literal["squarem", "none"] = "squarem"
+    max_passes: int = 500
+    loglik_tolerance: float = 1e-3
+    parameter_tolerance: float = 1e-4
+    stop: Literal["both", "loglik", "parameters"] = "both"
+    fall_tolerance: float = 0.0
+
+
+@dataclass
+class _Point:
+    """A point, its log-likelihood, and the EM step from it."""
+
+    noise: NoiseValues
+    loglik: float
+    after: NoiseValues
+    change: float
+    extrapolated: bool = False
+
+
+@dataclass
+class _Run:
+    """One run over the data: counts passes, keeps the trace and the best point."""
+
+    model: CompiledModel
+    recordings: Sequence[Recording]
+    unknowns: Unknowns
+    options: EmOptions
+    progress: Progress | None
+    points: list[_Point] = field(default_factory=list)
+    accepted: list[bool] = field(default_factory=list)
+    falls: list[float] = field(default_factory=list)
+    divergences: list[str] = field(default_factory=list)
+    singular: int = 0
+
+    def visit(self, noise: NoiseValues, extrapolated: bool = False) -> _Point:
+        """One pass: log-likelihood at ``noise`` and the EM step from there."""
+        structure = self.unknowns.R
+        statistics: Statistics = e_step(
+            self.model,
+            self.recordings,
+            noise,
+            LINEARISATIONS[self.options.linearisation],
+            None if structure is None else structure.block_of,
+        )
+        after = self.unknowns.maximise(statistics, noise)
+        point = _Point(noise, statistics.loglik, after, self.unknowns.change(noise, after), extrapolated)
+        self.points.append(point)
+        self.accepted.append(True)
+        self.singular += statistics.singular
+        if self.progress is not None:
+            self.progress(len(self.points), point.loglik)
+        return point
+
+    def try_jump(self, first: _Point, second: _Point) -> _Point | None:
+        """Extrapolate through two EM steps; None where the log-likelihood falls or the filter fails."""
+        z0, z1, z2 = (self.unknowns.pack(n) for n in (first.noise, second.noise, second.after))
+        r, v = z1 - z0, z2 - 2.0 * z1 + z0
+        curvature = float(np.linalg.norm(v))
+        if curvature == 0.0:
+            return None
+        alpha = -float(np.linalg.norm(r)) / curvature
+        if alpha >= -1.0:
+            return None
+        candidate = self.unknowns.unpack(z0 - 2.0 * alpha * r + alpha * alpha * v, first.noise)
+        if not _usable(candidate):
+            return None
+        try:
+            point = self.visit(candidate, extrapolated=True)
+        except FilterDivergedError as error:
+            self.divergences.append(str(error))
+            return None
+        if point.loglik < second.loglik - self.options.fall_tolerance:
+            self.accepted[-1] = False
+            return None
+        return point
+
+    def at_rest(self, before: _Point, now: _Point) -> bool:
+        """The stop rule, asked after a plain EM step from ``before`` to ``now``."""
+        o = self.options
+        rise = now.loglik - before.loglik
+        loglik = rise <= o.loglik_tolerance
+        parameters = now.change <= o.parameter_tolerance
+        return {"both": loglik and parameters, "loglik": loglik, "parameters": parameters}[o.stop]
+
+    @property
+    def full(self) -> bool:
+        """The passes are used up."""
+        return len(self.points) >= self.options.max_passes
+
+
+def estimate(
+    model: CompiledModel,
+    recordings: Sequence[Recording],
+    start: NoiseValues,
+    unknowns: Unknowns,
+    options: EmOptions | None = None,
+    progress: Progress | None = None,
+) -> Estimate:
+    """Identify the unknown noise values by EM.
+
+    Args:
+        model: the compiled model.
+        recordings: the tests; lengths, intervals and missing outputs may differ.
+        start: noise values to start from; known parts stay as they are.
+        unknowns: what is estimated, with its structure.
+        options: see ``EmOptions``.
+        progress: called after each pass.
+
+    Returns:
+        The estimate; its ``final`` is the visited point of greatest log-likelihood.
+
+    Raises:
+        EstimationError: the problem cannot be posed (singular start, too few tests, dependent noise gains).
+        FilterDivergedError: the filter fails at the start itself.
+    """
+    options = options or EmOptions()
+    unknowns.check(start)
+    began = time.perf_counter()
+    run = _Run(model, recordings, unknowns, options, progress)
+    status, reason = _iterate(run, start)
+    best = max(run.points, key=lambda p: p.loglik)
+    return Estimate(
+        method="em",
+        status=status,
+        reason=reason,
+        start=start,
+        final=best.noise,
+        loglik_start=run.points[0].loglik,
+        loglik=best.loglik,
+        passes=len(run.points),
+        seconds=time.perf_counter() - began,
+        trace=_trace(run),
+        safeguards=tuple(_safeguards(run, best, start)),
+        settings=asdict(options),
+    )
+
+
+def _iterate(run: _Run, start: NoiseValues) -> tuple[Status, str]:
+    """Steps until the stop rule holds; two EM steps, then a jump where acceleration is on."""
+    now = run.visit(start)
+    while not run.full:
+        before = now
+        try:
+            now = run.visit(before.after)
+        except FilterDivergedError as error:
+            return "diverged", f"after an EM step {error}; the best point before it is kept"
+        if now.loglik < before.loglik:
+            run.falls.append(before.loglik - now.loglik)
+        if run.at_rest(before, now):
+            return "converged", (
+                f"after {len(run.points)} passes the last EM step changed the log-likelihood by "
+                f"{now.loglik - before.loglik:.2g} and no log standard deviation or correlation by more than "
+                f"{now.change:.2g}"
+            )
+        if run.options.acceleration == "squarem" and not run.full:
+            jumped = run.try_jump(before, now)
+            now = now if jumped is None else jumped
+    return "max_passes", (
+        f"{len(run.points)} passes were not enough: the last EM step still changes a log standard deviation or a "
+        f"correlation by {now.change:.2g}"
+    )
+
+
+def _usable(noise: NoiseValues) -> bool:
+    """All covariances are finite and positive definite (only held entries can make one indefinite)."""
+    for P in (noise.Q, noise.R, noise.P0):
+        if not np.all(np.isfinite(P)):
+            return False
+        scale = np.sqrt(np.diag(P))
+        if np.any(scale > 0.0):
+            kept = scale > 0.0
+            correlation = P[np.ix_(kept, kept)] / np.outer(scale[kept], scale[kept])
+            if np.linalg.eigvalsh(correlation)[0] < -1e-12:
+                return False
+    return True
+
+
+def _trace(run: _Run) -> dict[str, Array]:
+    return {
+        "loglik": np.array([p.loglik for p in run.points]),
+        "Q": np.array([p.noise.Q for p in run.points]),
+        "R": np.array([p.noise.R for p in run.points]),
+        "change": np.array([p.change for p in run.points]),
+        "extrapolated": np.array([float(p.extrapolated) for p in run.points]),
+        "accepted": np.array([float(a) for a in run.accepted]),
+    }
+
+
+def _safeguards(run: _Run, best: _Point, start: NoiseValues) -> list[str]:
+    """Each safeguard that acted and each warning about the end, in a sentence."""
+    out = []
+    rejected = run.accepted.count(False)
+    if rejected:
+        out.append(f"{rejected} extrapolated points lowered the log-likelihood and were rejected")
+    if run.divergences:
+        out.append(f"{len(run.divergences)} extrapolated points made the filter fail: first, {run.divergences[0]}")
+    if run.falls:
+        other = "filtered" if run.options.linearisation == "smoothed" else "smoothed"
+        out.append(
+            f"the log-likelihood fell in {len(run.falls)} plain EM steps, by {max(run.falls):.3g} at most: a "
+            f"linearised E-step gives no guarantee; the best point was kept; `linearisation: {other}` may do better"
+        )
+    if run.singular:
+        out.append(f"{run.singular} predicted covariances were singular (a state was exactly known)")
+    for name, structure, value in (("Q", run.unknowns.Q, best.noise.Q), ("R", run.unknowns.R, best.noise.R)):
+        if structure is None:
+            continue
+        scale = np.sqrt(np.diag(structure.start))
+        spread = np.linalg.eigvalsh(value / np.outer(scale, scale))
+        if spread[0] < 1e-8 * spread[-1]:
+            out.append(
+                f"{name} is going to zero along one direction (eigenvalue ratio {spread[0] / spread[-1]:.1g}): zero is "
+                "a fixed point of EM, so this can be the answer or a false end; another start tells"
+            )
+    return out

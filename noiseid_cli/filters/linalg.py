@@ -1,0 +1,134 @@
+"""Small dense linear algebra for the kernels, in square-root form.
+
+Factors are kept as upper triangles U with P = U'U, the transpose of the chol_P of the public results: rows of U
+are independent unit noises, so that stacking rows adds covariances and one orthogonal triangularisation of the
+stack gives the factor of the sum. Nothing is ever subtracted, nothing is added to a diagonal.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from noiseid_cli.errors import EstimationError
+from noiseid_cli.models.jit import routine
+
+EPS = float(np.finfo(float).eps)
+
+
+@routine
+def reflect(A, r, j, rows, columns, w):  # type: ignore[no-untyped-def]
+    """Reflect rows r and below of A so that column j is zero below row r and non-negative at it.
+
+    Columns j + 1 and on are carried along (Golub & Van Loan, Matrix Computations, 5.1; the sign rule is Parlett's).
+    """
+    below = 0.0
+    for i in range(r + 1, rows):
+        below += A[i, j] * A[i, j]
+    pivot = A[r, j]
+    if below == 0.0:
+        if pivot < 0.0:
+            for k in range(j, columns):
+                A[r, k] = -A[r, k]
+        return
+    norm = math.sqrt(pivot * pivot + below)
+    v0 = pivot - norm if pivot <= 0.0 else -below / (pivot + norm)
+    tau = 2.0 * v0 * v0 / (below + v0 * v0)
+    for k in range(j + 1, columns):
+        w[k] = A[r, k]
+    for i in range(r + 1, rows):
+        if A[i, j] != 0.0:
+            v = A[i, j] / v0
+            A[i, j] = v
+            for k in range(j + 1, columns):
+                w[k] += v * A[i, k]
+    A[r, j] = norm
+    for k in range(j + 1, columns):
+        w[k] *= tau
+        A[r, k] -= w[k]
+    for i in range(r + 1, rows):
+        if A[i, j] != 0.0:
+            v = A[i, j]
+            A[i, j] = 0.0
+            for k in range(j + 1, columns):
+                A[i, k] -= v * w[k]
+
+
+@routine
+def triangularise(A, rows, columns, pivots, w):  # type: ignore[no-untyped-def]
+    """Bring the first ``pivots`` columns of A[:rows, :columns] to upper-triangular form by reflections from the left.
+
+    A'A stays as it is. Diagonal entries come out non-negative, entries below them exactly zero. Columns beyond
+    ``pivots`` are carried along.
+
+    Args:
+        A: (>= rows, >= columns), overwritten.
+        rows, columns, pivots: the part of A that is worked on.
+        w: scratch (>= columns,).
+    """
+    for j in range(min(rows, pivots)):
+        reflect(A, j, j, rows, columns, w)
+
+
+@routine
+def echelon(A, rows, columns, pivots, pivot_column, w):  # type: ignore[no-untyped-def]
+    """Like ``triangularise``, but a column that depends on those before it takes no row: row-echelon form.
+
+    A column is dependent if what is left of it is below 4 rows eps of its length, which is what rounding leaves; the
+    rest is set to zero. Scaling a column (a change of units) does not change the decision.
+
+    Args:
+        A, rows, columns, pivots, w: as in ``triangularise``.
+        pivot_column: (>= min(rows, pivots),), written: the column of each pivot.
+
+    Returns:
+        The rank of the first ``pivots`` columns.
+    """
+    rank = 0
+    for j in range(pivots):
+        above = 0.0
+        left = 0.0
+        for i in range(rank):
+            above += A[i, j] * A[i, j]
+        for i in range(rank, rows):
+            left += A[i, j] * A[i, j]
+        if left <= (4.0 * rows * EPS) ** 2 * (above + left):
+            for i in range(rank, rows):
+                A[i, j] = 0.0
+            continue
+        reflect(A, rank, j, rows, columns, w)
+        pivot_column[rank] = j
+        rank += 1
+    return rank
+
+
+def upper_factor(P: NDArray[np.float64], what: str) -> NDArray[np.float64]:
+    """Upper-triangular U with U'U = P, for a symmetric positive semidefinite P.
+
+    Args:
+        P: (n, n) covariance.
+        what: its name, for the error's text.
+
+    Raises:
+        EstimationError: P is not symmetric, not finite or has a negative eigenvalue.
+    """
+    P = np.asarray(P, dtype=float)
+    if not np.all(np.isfinite(P)):
+        raise EstimationError(f"{what} has entries that are not finite numbers")
+    scale = float(np.max(np.abs(P), initial=0.0))
+    if np.max(np.abs(P - P.T), initial=0.0) > 1e-12 * scale:
+        raise EstimationError(f"{what} is not symmetric")
+    try:
+        return np.ascontiguousarray(np.linalg.cholesky(P).T)
+    except np.linalg.LinAlgError:
+        pass
+    # Semidefinite: the eigenvalues tell rounding of a zero from a truly negative direction.
+    values, vectors = np.linalg.eigh(P)
+    if values[0] < -len(P) * np.finfo(float).eps * max(values[-1], 0.0) or values[-1] < 0.0:
+        raise EstimationError(f"{what} is not positive semidefinite: its smallest eigenvalue is {values[0]:.3g}")
+    rows = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
+    U = np.ascontiguousarray(rows)
+    triangularise(U, len(U), len(U), len(U), np.empty(len(U)))
+    return U

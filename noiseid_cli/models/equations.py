@@ -1,0 +1,236 @@
+"""The base class of all models: equations written once, in sympy, from which all else is derived."""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from noiseid_cli.errors import ModelError
+from noiseid_cli.models.declarations import (
+    Parameter,
+    Quantity,
+    Symbols,
+    Terms,
+    check_declarations,
+    check_number,
+    symbol,
+    unknown_name,
+)
+from noiseid_cli.models.recording import Array
+
+DISCRETISATIONS = ("discrete", "euler", "rk4")
+
+
+@dataclass(frozen=True)
+class Equations:
+    """A model's equations as checked sympy expressions.
+
+    Attributes:
+        x, u, v, p: symbols of the states, inputs, noises and parameters.
+        terms: named intermediate quantities and their definitions, each using only those before it.
+        dynamics: (nx) dx/dt, or the next state of a discrete model; affine in v.
+        output: (ny) h(x, u, p).
+        performance: (nz) g(x, u, p).
+    """
+
+    x: tuple[Any, ...]
+    u: tuple[Any, ...]
+    v: tuple[Any, ...]
+    p: tuple[Any, ...]
+    terms: dict[Any, Any]
+    dynamics: tuple[Any, ...]
+    output: tuple[Any, ...]
+    performance: tuple[Any, ...]
+
+
+class Model:
+    """A state-space model: x' = f(x, u, v, p), y = h(x, u, p), and optionally z = g(x, u, p).
+
+    Subclass it, declare the names and write ``dynamics`` and ``output`` with sympy's functions. The noise v must
+    enter f linearly (its gain may depend on x, u and p). Every name that is declared as state, input, noise or
+    parameter is one symbol, so these names differ from each other; an output may share the name of a state.
+
+    Use ``sympy.tanh`` or ``sympy.Piecewise`` in place of ``sign``, which has no derivative at zero, and
+    ``sympy.sech(z)`` in place of ``1/cosh(z)``, whose derivative overflows for large z.
+
+    Attributes:
+        name: name of the model, as written in configs and files.
+        states, inputs, noises, outputs, performances: names and units of the vectors x, u, v, y and z.
+        parameters: names, default values and units of the vector p.
+        sample_time: interval between samples in a simulation, s.
+        discretisation: how f becomes a step: ``euler``, ``rk4``, or ``discrete`` where f is the next state itself.
+        citation: the work that the model is from.
+        latex_names: LaTeX of names that sympy does not render well, such as ``{"dqa1": r"\\dot q_{a1}"}``.
+    """
+
+    name: ClassVar[str] = ""
+    states: ClassVar[tuple[Quantity, ...]] = ()
+    inputs: ClassVar[tuple[Quantity, ...]] = ()
+    noises: ClassVar[tuple[Quantity, ...]] = ()
+    outputs: ClassVar[tuple[Quantity, ...]] = ()
+    performances: ClassVar[tuple[Quantity, ...]] = ()
+    parameters: ClassVar[tuple[Parameter, ...]] = ()
+    sample_time: ClassVar[float] = 0.0
+    discretisation: ClassVar[str] = ""
+    citation: ClassVar[str] = ""
+    latex_names: ClassVar[Mapping[str, str]] = {}
+
+    def __init__(self, parameters: Mapping[str, float] | None = None, /, **overrides: float) -> None:
+        """Take the default parameters, with some replaced.
+
+        Args:
+            parameters: new values by name.
+            overrides: the same as keywords; they win over ``parameters``.
+
+        Raises:
+            ModelError: a name is not known, a value is not a finite number, or the class is declared wrongly.
+        """
+        check_declarations(self)
+        if self.discretisation not in DISCRETISATIONS:
+            raise ModelError(
+                f"{type(self).__name__}: discretisation is {self.discretisation!r}; "
+                f"it must be one of {', '.join(DISCRETISATIONS)}."
+            )
+        self.values = {p.name: float(p.value) for p in self.parameters}
+        self.overridden: set[str] = set()
+        for name, value in {**(parameters or {}), **overrides}.items():
+            if name not in self.values:
+                raise ModelError(unknown_name(f"{self.name}: parameter {name}", name, self.values))
+            check_number(f"{self.name}: parameter {name}", value)
+            self.values[name] = float(value)
+            self.overridden.add(name)
+
+    def dynamics(self, x: Any, u: Any, v: Any, p: Any) -> Any:
+        """Right-hand sides f, one expression per state."""
+        raise ModelError(f"{type(self).__name__}: write the method dynamics(self, x, u, v, p).")
+
+    def output(self, x: Any, u: Any, p: Any) -> Any:
+        """Measured outputs h, one expression per output."""
+        raise ModelError(f"{type(self).__name__}: write the method output(self, x, u, p).")
+
+    def performance(self, x: Any, u: Any, p: Any) -> Any:
+        """Quantities of interest g that are not measured, such as a tool position."""
+        return []
+
+    def terms(self, x: Any, u: Any, p: Any) -> Terms:
+        """Named intermediate quantities that ``dynamics``, ``output`` and ``performance`` may use."""
+        return Terms()
+
+    @property
+    def vector(self) -> Array:
+        """(np,) parameter values, in the order of declaration."""
+        return np.array(list(self.values.values()), dtype=float)
+
+    @property
+    def parameters_in_force(self) -> tuple[Parameter, ...]:
+        """The parameters with the values of this instance; those given to it have the source ``given``."""
+        return tuple(
+            replace(p, value=self.values[p.name], source="given") if p.name in self.overridden else p
+            for p in self.parameters
+        )
+
+    def equations(self) -> Equations:
+        """Build and check the equations.
+
+        Raises:
+            ModelError: the methods fail, or their expressions do not fit the declared names.
+        """
+        x, u, v, p = (
+            Symbols(letter, [q.name for q in group])
+            for letter, group in zip(
+                "xuvp", (self.states, self.inputs, self.noises, self.parameters), strict=True
+            )
+        )
+        terms = self._call("terms", x, u, p)
+        if not isinstance(terms, Terms):
+            raise ModelError(f"{type(self).__name__}.terms must return a Terms object, not {terms!r}.")
+        known = {*x, *u, *p}
+        definitions: dict[Any, Any] = {}
+        for name, value in terms.definitions().items():
+            if symbol(name) in {*known, *v}:
+                raise ModelError(f"{type(self).__name__}.terms: {name} is the name of a declared quantity too.")
+            definitions[symbol(name)] = self._expression("terms", name, value, known)
+            known.add(symbol(name))
+        equations = Equations(
+            x=tuple(x),
+            u=tuple(u),
+            v=tuple(v),
+            p=tuple(p),
+            terms=definitions,
+            dynamics=self._expressions("dynamics", (x, u, v, p), self.states, {*known, *v}),
+            output=self._expressions("output", (x, u, p), self.outputs, known),
+            performance=self._expressions("performance", (x, u, p), self.performances, known),
+        )
+        self._check_noise(equations)
+        return equations
+
+    def _call(self, method: str, *vectors: Any) -> Any:
+        try:
+            return getattr(self, method)(*vectors)
+        except Exception as error:
+            place = traceback.extract_tb(error.__traceback__)[1:]
+            lines = [f.lineno for f in place if f.name == method] or [f.lineno for f in place]
+            line = f", line {lines[-1]}" if lines else ""
+            kind = "" if isinstance(error, ModelError) else f"{type(error).__name__}: "
+            hint = "" if isinstance(error, ModelError) else " (equations use sympy's functions, such as sympy.sin)"
+            raise ModelError(f"{type(self).__name__}.{method}{line}: {kind}{error}{hint}") from error
+
+    def _expressions(
+        self, method: str, vectors: tuple[Any, ...], names: tuple[Quantity, ...], known: set[Any]
+    ) -> tuple[Any, ...]:
+        values = self._call(method, *vectors)
+        if isinstance(values, str) or not hasattr(values, "__len__") or not hasattr(values, "__iter__"):
+            raise ModelError(f"{type(self).__name__}.{method} must return a list of expressions, not {values!r}.")
+        if len(values) != len(names):
+            raise ModelError(
+                f"{type(self).__name__}.{method} returns {len(values)} expressions for {len(names)} names: "
+                f"{', '.join(q.name for q in names) or 'none'}."
+            )
+        pairs = zip(names, values, strict=True)
+        return tuple(self._expression(method, q.name, value, known) for q, value in pairs)
+
+    def _expression(self, method: str, name: str, value: Any, known: set[Any]) -> Any:
+        import sympy as sp
+
+        where = f"{type(self).__name__}.{method}: the expression of {name}"
+        try:
+            expression = sp.sympify(value, strict=True)
+        except sp.SympifyError:
+            raise ModelError(f"{where} is {value!r}, which is not a sympy expression.") from None
+        if not isinstance(expression, sp.Expr):
+            raise ModelError(f"{where} is {value!r}, which is not a single number or formula.")
+        if expression.has(sp.nan, sp.zoo, sp.oo, -sp.oo, sp.I):
+            raise ModelError(f"{where} is {expression}, which is not a finite real number: is there a division by 0?")
+        strangers = sorted(str(s) for s in expression.free_symbols - known)
+        if strangers:
+            raise ModelError(
+                f"{where} uses symbols that are not declared or not allowed there: {', '.join(strangers)}. Take states "
+                "from x, inputs from u, parameters from p and, in dynamics only, noises from v; do not make symbols."
+            )
+        return expression
+
+    def _check_noise(self, equations: Equations) -> None:
+        import sympy as sp
+
+        v = set(equations.v)
+        drives = dict.fromkeys(equations.v, False)
+        for state, f in zip(self.states, equations.dynamics, strict=True):
+            for noise in v & f.free_symbols:
+                gain = sp.diff(f, noise)
+                if gain.free_symbols & v:
+                    gain = sp.simplify(gain)
+                if gain.free_symbols & v:
+                    raise ModelError(
+                        f"{type(self).__name__}.dynamics: the noise {noise} enters the equation of {state.name} "
+                        "nonlinearly; it must enter as gain * noise, where the gain may depend on x, u and p."
+                    )
+                drives[noise] |= gain != 0
+        idle = [str(noise) for noise, used in drives.items() if not used]
+        if idle:
+            raise ModelError(
+                f"{type(self).__name__}.dynamics: the noise {', '.join(idle)} drives no state; use it or leave it out."
+            )

@@ -1,0 +1,171 @@
+"""Linear models with constant matrices: x_{k+1} = A x_k + B u_k + G v_k, y_k = C x_k + D u_k + e_k.
+
+The matrices travel as the parameter vector, so that one set of compiled functions serves every linear model.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from noiseid_cli.errors import ModelError
+from noiseid_cli.models.compiled import CompiledModel
+from noiseid_cli.models.discretisation import DISCRETE
+from noiseid_cli.models.jit import kernel, routine
+from noiseid_cli.models.recording import Array
+from noiseid_cli.models.signatures import DRIFT, DRIFT_JACOBIAN, OUTPUT, OUTPUT_JACOBIAN, PARTIAL
+
+
+def linear_model(
+    A: ArrayLike, G: ArrayLike, C: ArrayLike, B: ArrayLike | None = None, D: ArrayLike | None = None
+) -> CompiledModel:
+    """A discrete-time linear model.
+
+    Args:
+        A: (nx, nx) transition; G: (nx, nv) noise gain; C: (ny, nx) output map.
+        B: (nx, nu) input gain and D: (ny, nu) feedthrough; without them the model has no input.
+
+    Raises:
+        ModelError: the shapes do not fit each other.
+    """
+    A, G, C = (np.atleast_2d(np.asarray(M, dtype=float)) for M in (A, G, C))
+    nx, nv, ny = len(A), G.shape[1], len(C)
+    nu = np.shape(B)[1] if B is not None else np.shape(D)[1] if D is not None else 0
+    B = np.zeros((nx, nu)) if B is None else np.asarray(B, dtype=float)
+    D = np.zeros((ny, nu)) if D is None else np.asarray(D, dtype=float)
+    expected: dict[str, tuple[Array, tuple[int, int]]] = {
+        "A": (A, (nx, nx)), "G": (G, (nx, nv)), "C": (C, (ny, nx)), "B": (B, (nx, nu)), "D": (D, (ny, nu))
+    }  # fmt: skip
+    for name, (M, shape) in expected.items():
+        if M.shape != shape:
+            raise ModelError(f"linear model: {name} has shape {M.shape}, expected {shape}")
+    return CompiledModel(
+        name="linear",
+        states=tuple(f"x{i + 1}" for i in range(nx)),
+        inputs=tuple(f"u{i + 1}" for i in range(nu)),
+        noises=tuple(f"v{i + 1}" for i in range(nv)),
+        outputs=tuple(f"y{i + 1}" for i in range(ny)),
+        performances=(),
+        units={},
+        parameters=np.concatenate([M.ravel() for M in (A, B, G, C, D)]),
+        scheme=DISCRETE,
+        drift=_drift,
+        drift_jacobian=_drift_jacobian,
+        output=_output,
+        output_jacobian=_output_jacobian,
+        drift_inputs=_drift_inputs,
+        drift_parameters=_drift_parameters,
+        output_inputs=_output_inputs,
+        output_parameters=_output_parameters,
+        performance=None,
+        performance_jacobian=None,
+    )
+
+
+@routine
+def _matrices(p, nx, nu, nv, ny):  # type: ignore[no-untyped-def]
+    """The views A, B, G, C, D into the parameter vector."""
+    a = nx * nx
+    b = a + nx * nu
+    g = b + nx * nv
+    c = g + ny * nx
+    return (
+        p[:a].reshape(nx, nx),
+        p[a:b].reshape(nx, nu),
+        p[b:g].reshape(nx, nv),
+        p[g:c].reshape(ny, nx),
+        p[c:].reshape(ny, nu),
+    )
+
+
+@routine
+def _sizes(p, nx, nu):  # type: ignore[no-untyped-def]
+    """What is left of p beyond A and B is nx nv + ny (nx + nu); the callers know one of nv and ny."""
+    return p.size - nx * nx - nx * nu
+
+
+@routine
+def _apply(M, x, out):  # type: ignore[no-untyped-def]
+    for i in range(M.shape[0]):
+        for j in range(M.shape[1]):
+            out[i] += M[i, j] * x[j]
+
+
+@kernel(DRIFT)
+def _drift(x, u, v, p, dx):  # type: ignore[no-untyped-def]
+    nx, nu, nv = x.size, u.size, v.size
+    ny = (_sizes(p, nx, nu) - nx * nv) // (nx + nu)
+    A, B, G, _, _ = _matrices(p, nx, nu, nv, ny)
+    dx[:] = 0.0
+    _apply(A, x, dx)
+    _apply(B, u, dx)
+    _apply(G, v, dx)
+
+
+@kernel(DRIFT_JACOBIAN)
+def _drift_jacobian(x, u, p, dx, F, Fv):  # type: ignore[no-untyped-def]
+    nx, nu, nv = x.size, u.size, Fv.shape[1]
+    ny = (_sizes(p, nx, nu) - nx * nv) // (nx + nu)
+    A, B, G, _, _ = _matrices(p, nx, nu, nv, ny)
+    dx[:] = 0.0
+    _apply(A, x, dx)
+    _apply(B, u, dx)
+    F[:, :] = A
+    Fv[:, :] = G
+
+
+@kernel(OUTPUT)
+def _output(x, u, p, y):  # type: ignore[no-untyped-def]
+    nx, nu, ny = x.size, u.size, y.size
+    nv = (_sizes(p, nx, nu) - ny * (nx + nu)) // nx
+    _, _, _, C, D = _matrices(p, nx, nu, nv, ny)
+    y[:] = 0.0
+    _apply(C, x, y)
+    _apply(D, u, y)
+
+
+@kernel(OUTPUT_JACOBIAN)
+def _output_jacobian(x, u, p, y, H):  # type: ignore[no-untyped-def]
+    nx, nu, ny = x.size, u.size, y.size
+    nv = (_sizes(p, nx, nu) - ny * (nx + nu)) // nx
+    _, _, _, C, D = _matrices(p, nx, nu, nv, ny)
+    y[:] = 0.0
+    _apply(C, x, y)
+    _apply(D, u, y)
+    H[:, :] = C
+
+
+@kernel(PARTIAL)
+def _drift_inputs(x, u, p, out):  # type: ignore[no-untyped-def]
+    nx, nu = x.size, u.size
+    out[:, :] = p[nx * nx : nx * nx + nx * nu].reshape(nx, nu)
+
+
+@kernel(PARTIAL)
+def _output_inputs(x, u, p, out):  # type: ignore[no-untyped-def]
+    ny, nu = out.shape
+    out[:, :] = p[p.size - ny * nu :].reshape(ny, nu)
+
+
+@kernel(PARTIAL)
+def _drift_parameters(x, u, p, out):  # type: ignore[no-untyped-def]
+    nx, nu = x.size, u.size
+    out[:, :] = 0.0
+    for i in range(nx):
+        for j in range(nx):
+            out[i, i * nx + j] = x[j]
+        for j in range(nu):
+            out[i, nx * nx + i * nu + j] = u[j]
+
+
+@kernel(PARTIAL)
+def _output_parameters(x, u, p, out):  # type: ignore[no-untyped-def]
+    nx, nu, ny = x.size, u.size, out.shape[0]
+    d = p.size - ny * nu
+    c = d - ny * nx
+    out[:, :] = 0.0
+    for i in range(ny):
+        for j in range(nx):
+            out[i, c + i * nx + j] = x[j]
+        for j in range(nu):
+            out[i, d + i * nu + j] = u[j]
