@@ -33,6 +33,7 @@ class Problem:
         path: the setting in dotted form, such as ``simulate.samples``; empty for the file as a whole.
         message: what is wrong and what is allowed.
         excerpt: the line itself, as it stands in the file.
+        source: what set it, where that is not the file, such as ``--set seed=3``.
     """
 
     line: int
@@ -40,6 +41,7 @@ class Problem:
     path: str
     message: str
     excerpt: str = ""
+    source: str = ""
 
 
 class ConfigError(NoiseidError):
@@ -55,7 +57,7 @@ class ConfigError(NoiseidError):
         """Render each problem as ``file:line:column: path: message``, with the line it is on below."""
         out = []
         for p in self.problems:
-            where = f"{self.file}:{p.line}:{p.column}: "
+            where = f"{p.source}: " if p.source else f"{self.file}:{p.line}:{p.column}: "
             out.append(where + (f"{p.path}: " if p.path else "") + p.message)
             if p.excerpt:
                 out.append(f"    {p.excerpt.rstrip()}")

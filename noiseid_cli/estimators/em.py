@@ -22,6 +22,9 @@ from noiseid_cli.models.compiled import CompiledModel
 from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.models.recording import Array, Recording
 
+# A fall below this share of the log-likelihood is rounding of its sum, not a fall.
+ROUNDING = 1e-12
+
 
 @dataclass(frozen=True)
 class EmOptions:
@@ -43,7 +46,7 @@ class EmOptions:
     acceleration: Literal["squarem", "none"] = "squarem"
     max_passes: int = 500
     loglik_tolerance: float = 1e-3
-    parameter_tolerance: float = 1e-4
+    parameter_tolerance: float = 1e-5
     stop: Literal["both", "loglik", "parameters"] = "both"
     fall_tolerance: float = 0.0
 
@@ -186,7 +189,7 @@ def _iterate(run: _Run, start: NoiseValues) -> tuple[Status, str]:
             now = run.visit(before.after)
         except FilterDivergedError as error:
             return "diverged", f"after an EM step {error}; the best point before it is kept"
-        if now.loglik < before.loglik:
+        if now.loglik < before.loglik - ROUNDING * abs(before.loglik):
             run.falls.append(before.loglik - now.loglik)
         if run.at_rest(before, now):
             return "converged", (

@@ -18,8 +18,8 @@ GENERATOR_VERSION = 1
 
 # Each function of sympy that may stand in equations or their derivatives, with its arguments as {0}, {1}.
 FUNCTIONS = {
-    **{f: f"math.{f}({{0}})" for f in ("sin", "cos", "tan", "asin", "acos", "atan", "exp", "log", "erf", "erfc")},
-    **{f: f"math.{f}({{0}})" for f in ("sinh", "cosh", "tanh", "asinh", "acosh", "atanh")},
+    **{f: f"math.{f}({{0}})" for f in ("sin", "cos", "tan", "asin", "acos", "atan", "exp", "log")},
+    **{f: f"math.{f}({{0}})" for f in ("sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "erf", "erfc")},
     "atan2": "math.atan2({0}, {1})",
     "sec": "(1.0/math.cos({0}))",
     "csc": "(1.0/math.sin({0}))",
@@ -68,7 +68,8 @@ class _Printer(PythonCodePrinter):  # type: ignore[misc]
     def _print_NumberSymbol(self, e: Any) -> str:
         return repr(float(e))
 
-    _print_Pi = _print_Exp1 = _print_NumberSymbol
+    _print_Pi = _print_NumberSymbol  # noqa: N815
+    _print_Exp1 = _print_NumberSymbol  # noqa: N815
 
     def _print_Pow(self, e: Any, **_: Any) -> str:
         base = f"({self._print(e.base)})"
@@ -82,9 +83,8 @@ class _Printer(PythonCodePrinter):  # type: ignore[misc]
     def _print_Piecewise(self, e: Any) -> str:
         text = "math.nan"
         for value, condition in reversed(e.args):
-            text = self._print(value) if condition == True else (  # noqa: E712
-                f"({self._print(value)} if {self._print(condition)} else {text})"
-            )
+            branch = self._print(value)
+            text = branch if condition is sp.true else f"({branch} if {self._print(condition)} else {text})"
         return f"({text})"
 
     def _print_Max(self, e: Any) -> str:
@@ -94,7 +94,7 @@ class _Printer(PythonCodePrinter):  # type: ignore[misc]
         return self._chain("min", e)
 
     def _chain(self, name: str, e: Any) -> str:
-        text = self._print(e.args[0])
+        text = str(self._print(e.args[0]))
         for arg in e.args[1:]:
             text = f"{name}({text}, {self._print(arg)})"
         return text
@@ -109,8 +109,8 @@ class _Printer(PythonCodePrinter):  # type: ignore[misc]
         name = type(e).__name__
         if name in ("DiracDelta", "Derivative", "Subs"):
             raise ModelError(
-                f"the derivative of the equations holds {name}: sign, Heaviside and the like have no slope at their "
-                "jump. Write sympy.tanh(z/width), or sympy.Piecewise with smooth branches."
+                f"the derivative of the equations holds {name}: sign, Heaviside and the like have no slope at "
+                "their jump. Write sympy.tanh(z/width), or sympy.Piecewise with smooth branches."
             )
         raise ModelError(
             f"the function {name} cannot be compiled; known: {', '.join(sorted(FUNCTIONS))}, sqrt, Max, Min, Piecewise."
@@ -125,13 +125,13 @@ for _name in [*FUNCTIONS, "DiracDelta", "Derivative", "Subs"]:
 
 @dataclass(frozen=True)
 class _Function:
-    """One generated function: its signature, its vector arguments, and what it writes into each result array."""
+    """One generated function: its signature, its vector arguments and what it writes."""
 
     name: str
     signature: str  # name in models.signatures; empty: compiled at the first call, since few runs need it
     vectors: tuple[str, ...]
     program: Program
-    results: tuple[tuple[str, Sequence[Any]], ...]  # array name, entries or rows of entries
+    results: tuple[tuple[str, Sequence[Any]], ...]  # name of each array; its entries, or rows of entries
 
 
 def module_source(equations: Equations) -> str:
@@ -150,42 +150,37 @@ def module_source(equations: Equations) -> str:
 
 
 def _functions(name: str, expressions: Sequence[Any], eq: Equations, value: str) -> Iterator[_Function]:
+    """The value, its Jacobian with respect to the state (and noise), and the partials by inputs and parameters."""
     names = iter(sp.numbered_symbols("_w", real=True))
-    with_noise = share(eq.terms, expressions, names)
-    program = with_noise
+    values = share(eq.terms, expressions, names)
+    plain = ("x", "u", "p")
     if name == "drift":
-        yield _Function("drift", "DRIFT", ("x", "u", "v", "p"), program, ((value, program.results),))
-        program = fix(program, eq.v)
+        yield _Function(name, "DRIFT", ("x", "u", "v", "p"), values, ((value, values.results),))
+        program, (A, B) = _jacobians(values, (eq.x, eq.v), eq.v, names)
+        results = ((value, program.results), ("A", A), ("B", B))
+        yield _Function("drift_jacobian", "DRIFT_JACOBIAN", plain, program, results)
     else:
-        yield _Function(name, "OUTPUT", ("x", "u", "p"), program, ((value, program.results),))
+        yield _Function(name, "OUTPUT", plain, values, ((value, values.results),))
+        program, (H,) = _jacobians(values, (eq.x,), (), names)
+        yield _Function(f"{name}_jacobian", "OUTPUT_JACOBIAN", plain, program, ((value, program.results), ("H", H)))
+    if name != "performance":
+        for group, seeds in (("inputs", eq.u), ("parameters", eq.p)):
+            program, (D,) = _jacobians(values, (seeds,), eq.v, names)
+            yield _Function(f"{name}_{group}", "", plain, program, (("D", D),))
 
-    def derivative(base: Program, seeds: Sequence[Any], zero: Sequence[Any] = ()) -> tuple[Program, list[list[Any]]]:
-        extended, partials = differentiate(base, seeds, names)
-        flat = [*extended.results, *(entry for row in partials for entry in row)]
-        shared = share(dict(fix(extended, zero).statements), [e.xreplace(dict.fromkeys(zero, 0)) for e in flat], names)
-        n = len(base.results)
-        width = len(seeds)
-        rows = [list(shared.results[n + i * width : n + (i + 1) * width]) for i in range(n)]
-        return shared, rows
 
-    states = len(eq.x)
-    if name == "drift":
-        shared, rows = derivative(with_noise, [*eq.x, *eq.v], eq.v)
-        arrays: tuple[tuple[str, Sequence[Any]], ...] = (
-            ("A", [row[:states] for row in rows]),
-            ("B", [row[states:] for row in rows]),
-        )
-    else:
-        shared, rows = derivative(program, eq.x)
-        arrays = (("H", rows),)
-    values = (value, shared.results[: len(expressions)])
-    signature = "DRIFT_JACOBIAN" if name == "drift" else "OUTPUT_JACOBIAN"
-    yield _Function(f"{name}_jacobian", signature, ("x", "u", "p"), shared, (values, *arrays))
-    if name == "performance":
-        return
-    for group, seeds in (("inputs", eq.u), ("parameters", eq.p)):
-        shared, rows = derivative(program, seeds)
-        yield _Function(f"{name}_{group}", "", ("x", "u", "p"), shared, (("D", rows),))
+def _jacobians(
+    program: Program, groups: Sequence[Sequence[Any]], zeros: Sequence[Any], names: Iterator[Any]
+) -> tuple[Program, list[list[list[Any]]]]:
+    """Program of values and derivatives where the symbols ``zeros`` are zero; one matrix for each group of seeds."""
+    extended, partials = differentiate(program, [s for group in groups for s in group], names)
+    flat = [*extended.results, *(entry for row in partials for entry in row)]
+    fixed = fix(Program(extended.statements, tuple(flat)), zeros)
+    shared = share(dict(fixed.statements), fixed.results, names)
+    entries = iter(shared.results[len(program.results) :])
+    rows = [[[next(entries) for _ in group] for group in groups] for _ in program.results]
+    matrices = [[row[g] for row in rows] for g in range(len(groups))]
+    return Program(shared.statements, shared.results[: len(program.results)]), matrices
 
 
 def _text(function: _Function, eq: Equations) -> str:
@@ -201,9 +196,7 @@ def _text(function: _Function, eq: Equations) -> str:
     for s, _ in function.program.statements:
         variables[s] = f"t_{s}" if s in eq.terms else f"w{len(variables)}"
     printer = _Printer(variables)
-    lines += [
-        f"{variables[s]} = {printer.doprint(e)}" for s, e in function.program.statements if s in wanted
-    ]
+    lines += [f"{variables[s]} = {printer.doprint(e)}" for s, e in function.program.statements if s in wanted]
     for array, entries in function.results:
         lines += _stores(array, entries, printer)
     arguments = ", ".join([*function.vectors, *(array for array, _ in function.results)])
@@ -215,8 +208,9 @@ def _text(function: _Function, eq: Equations) -> str:
 
 def _needed(function: _Function) -> set[Any]:
     """Symbols that the function's results depend on."""
-    entries = [e for _, array in function.results for row in array for e in (row if isinstance(row, list) else [row])]
-    wanted: set[Any] = set().union(*(e.free_symbols for e in entries)) if entries else set()
+    rows = [row for _, array in function.results for row in array]
+    entries = [e for row in rows for e in (row if isinstance(row, list) else [row])]
+    wanted: set[Any] = set().union(*(e.free_symbols for e in entries))
     for s, e in reversed(function.program.statements):
         if s in wanted:
             wanted |= e.free_symbols

@@ -1,8 +1,8 @@
 """From a model class to compiled functions, kept in the user's cache folder.
 
-The generated module is named by a hash of the printed equations, not of the source text: a helper function or constant
-that changes the equations changes the name, wherever it stands. Building and printing equations takes a few
-hundredths of a second; differentiation and compilation, which take seconds, happen once for each name.
+The generated module is named by a hash of the printed equations, not of the source text: a helper function or
+constant that changes the equations changes the name, wherever it stands. Building and printing equations takes a
+few hundredths of a second; differentiation and compilation, which take seconds, happen once for each name.
 """
 
 from __future__ import annotations
@@ -43,7 +43,8 @@ def compile_model(model: Model, on_compile: Callable[[str], None] | None = None)
         module = _load(f"noiseid_model_{key}", path)
     except OSError as error:
         raise ModelError(
-            f"the compiled equations of {model.name} cannot be kept in {path.parent}: {error.strerror or error}. "
+            f"the compiled equations of {model.name} cannot be kept in {path.parent}: "
+            f"{error.strerror or error}. "
             "Set NOISEID_CACHE_DIR to a folder that you can write to."
         ) from error
     groups = (model.states, model.inputs, model.noises, model.outputs, model.performances)

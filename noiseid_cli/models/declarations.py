@@ -1,4 +1,4 @@
-"""What a model declares besides its equations: named quantities and parameters, and the checks on their names."""
+"""What a model declares besides its equations: quantities and parameters, and the checks on their names."""
 
 from __future__ import annotations
 
@@ -73,10 +73,10 @@ class Symbols:
 
 
 class Terms:
-    """Named intermediate quantities: assigning ``t.J11 = ...`` defines one, reading ``t.J11`` gives its symbol.
+    """Named intermediate quantities: ``t.J11 = ...`` defines one, ``t.J11`` read later is its symbol.
 
-    A term may use states, inputs, parameters and the terms above it. Equations built on the symbols are shown with
-    the terms as definitions, and compiled with each term computed once.
+    ``t["J11"]`` does the same. A term may use states, inputs, parameters and the terms above it. Equations built
+    on the symbols are shown with the terms as definitions, and compiled with each term computed once.
     """
 
     _definitions: dict[str, Any]
@@ -96,6 +96,9 @@ class Terms:
         if name not in self._definitions:
             raise ModelError(unknown_name(f"term {name}", name, self._definitions))
         return symbol(name)
+
+    __setitem__ = __setattr__
+    __getitem__ = __getattr__
 
     def definitions(self) -> dict[str, Any]:
         """Expression of each term, in the order of definition."""
@@ -143,7 +146,8 @@ def check_declarations(model: Any) -> None:
 def _check_group(where: str, group: str, items: Any, kind: type) -> None:
     if not isinstance(items, tuple | list):
         raise ModelError(
-            f"{where}: {group} must be a tuple of {kind.__name__}; write ({kind.__name__}(...),) with a comma for one."
+            f"{where}: {group} must be a tuple of {kind.__name__}; "
+            f"write ({kind.__name__}(...),) with a comma for a single one."
         )
     for item in items:
         if not isinstance(item, kind):
@@ -151,8 +155,8 @@ def _check_group(where: str, group: str, items: Any, kind: type) -> None:
         name: Any = item.name  # type: ignore[attr-defined]
         if not isinstance(name, str) or not name.isidentifier() or keyword.iskeyword(name) or name[0] == "_":
             raise ModelError(
-                f"{where}: {group}: {name!r} cannot be a name; use letters, digits and underscores, beginning with a "
-                "letter, and no word of the Python language."
+                f"{where}: {group}: {name!r} cannot be a name; use letters, digits and underscores, "
+                "beginning with a letter, and no word of the Python language."
             )
 
 
@@ -167,8 +171,8 @@ def _check_unique(where: str, model: Any) -> None:
     for item in [*model.states, *model.inputs, *model.noises, *model.outputs, *model.performances]:
         if units.setdefault(item.name, item.unit) != item.unit:
             raise ModelError(
-                f"{where}: {item.name} has the unit {units[item.name]!r} in one place and {item.unit!r} in another; "
-                "rename one of them."
+                f"{where}: {item.name} has the unit {units[item.name]!r} in one place and {item.unit!r} in "
+                "another; rename one of them."
             )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from sympy import true
 from sympy.printing.latex import LatexPrinter
 from sympy.printing.str import StrPrinter
 
@@ -126,7 +127,7 @@ class _Text(StrPrinter):  # type: ignore[misc]
     """One-line unicode: a dot for products, superscripts for whole powers, braces for branches."""
 
     def _print_Mul(self, e: Any) -> str:
-        return super()._print_Mul(e).replace("*", "·")
+        return str(super()._print_Mul(e)).replace("*", "·")
 
     def _print_Pow(self, e: Any, rational: bool = False) -> str:
         if e.exp.is_Integer and int(e.exp) > 1:
@@ -137,7 +138,7 @@ class _Text(StrPrinter):  # type: ignore[misc]
 
     def _print_Piecewise(self, e: Any) -> str:
         branches = [
-            self._print(value) + (" otherwise" if condition == True else f" if {self._print(condition)}")  # noqa: E712
+            self._print(value) + (" otherwise" if condition is true else f" if {self._print(condition)}")
             for value, condition in e.args
         ]
         return "{ " + "; ".join(branches) + " }"

@@ -1,9 +1,9 @@
 """Straight-line programs and their exact derivatives by forward accumulation.
 
-A program is a list of statements ``symbol = expression`` and the expressions of its results. Common subexpressions
-are shared first; then each statement is differentiated once with respect to the symbols that it reads and the chain
-rule is written out as further statements, skipping structural zeros (Griewank & Walther, Evaluating Derivatives,
-2008, ch. 3.2). Code grows with the number of statements times the number of seeds they depend on.
+A program is a list of statements ``symbol = expression`` and the expressions of its results. Common
+subexpressions are shared first; then each statement is differentiated once with respect to the symbols that it
+reads and the chain rule is written out as further statements, skipping structural zeros (Griewank & Walther,
+Evaluating Derivatives, 2008, ch. 3.2). Code grows with the number of statements times the seeds they depend on.
 """
 
 from __future__ import annotations
@@ -67,8 +67,8 @@ def differentiate(program: Program, seeds: Sequence[Any], names: Iterator[Any]) 
         names: supplies new symbols.
 
     Returns:
-        The extended program with the same results, and the derivative of each result by each seed: a symbol or a
-        number.
+        The extended program with the same results, and the derivative of each result by each seed: a symbol
+        or a number.
     """
     tangents: dict[Any, dict[Any, Any]] = {s: {s: sp.Integer(1)} for s in seeds}
     statements: list[tuple[Any, Any]] = []

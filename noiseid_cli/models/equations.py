@@ -48,11 +48,11 @@ class Equations:
 
 
 class Model:
-    """A state-space model: x' = f(x, u, v, p), y = h(x, u, p), and optionally z = g(x, u, p).
+    r"""A state-space model: x' = f(x, u, v, p), y = h(x, u, p), and optionally z = g(x, u, p).
 
-    Subclass it, declare the names and write ``dynamics`` and ``output`` with sympy's functions. The noise v must
-    enter f linearly (its gain may depend on x, u and p). Every name that is declared as state, input, noise or
-    parameter is one symbol, so these names differ from each other; an output may share the name of a state.
+    Subclass it, declare the names and write ``dynamics`` and ``output`` with sympy's functions. The noise v
+    must enter f linearly (its gain may depend on x, u and p). Every name that is declared as state, input, noise
+    or parameter is one symbol, so these names differ from each other; an output may share the name of a state.
 
     Use ``sympy.tanh`` or ``sympy.Piecewise`` in place of ``sign``, which has no derivative at zero, and
     ``sympy.sech(z)`` in place of ``1/cosh(z)``, whose derivative overflows for large z.
@@ -62,9 +62,9 @@ class Model:
         states, inputs, noises, outputs, performances: names and units of the vectors x, u, v, y and z.
         parameters: names, default values and units of the vector p.
         sample_time: interval between samples in a simulation, s.
-        discretisation: how f becomes a step: ``euler``, ``rk4``, or ``discrete`` where f is the next state itself.
+        discretisation: how f becomes a step: ``euler``, ``rk4``, or ``discrete`` where f is the next state.
         citation: the work that the model is from.
-        latex_names: LaTeX of names that sympy does not render well, such as ``{"dqa1": r"\\dot q_{a1}"}``.
+        latex_names: LaTeX of names that sympy does not render well, such as ``{"dqa1": r"\dot q_{a1}"}``.
     """
 
     name: ClassVar[str] = ""
@@ -139,22 +139,12 @@ class Model:
         Raises:
             ModelError: the methods fail, or their expressions do not fit the declared names.
         """
-        x, u, v, p = (
-            Symbols(letter, [q.name for q in group])
-            for letter, group in zip(
-                "xuvp", (self.states, self.inputs, self.noises, self.parameters), strict=True
-            )
-        )
-        terms = self._call("terms", x, u, p)
-        if not isinstance(terms, Terms):
-            raise ModelError(f"{type(self).__name__}.terms must return a Terms object, not {terms!r}.")
-        known = {*x, *u, *p}
-        definitions: dict[Any, Any] = {}
-        for name, value in terms.definitions().items():
-            if symbol(name) in {*known, *v}:
-                raise ModelError(f"{type(self).__name__}.terms: {name} is the name of a declared quantity too.")
-            definitions[symbol(name)] = self._expression("terms", name, value, known)
-            known.add(symbol(name))
+        x = Symbols("x", [q.name for q in self.states])
+        u = Symbols("u", [q.name for q in self.inputs])
+        v = Symbols("v", [q.name for q in self.noises])
+        p = Symbols("p", [q.name for q in self.parameters])
+        definitions = self._definitions(x, u, v, p)
+        known = {*x, *u, *p, *definitions}
         equations = Equations(
             x=tuple(x),
             u=tuple(u),
@@ -168,23 +158,36 @@ class Model:
         self._check_noise(equations)
         return equations
 
+    def _definitions(self, x: Symbols, u: Symbols, v: Symbols, p: Symbols) -> dict[Any, Any]:
+        terms = self._call("terms", x, u, p)
+        if not isinstance(terms, Terms):
+            raise ModelError(f"{type(self).__name__}.terms must return a Terms object, not {terms!r}.")
+        definitions: dict[Any, Any] = {}
+        for name, value in terms.definitions().items():
+            if symbol(name) in {*x, *u, *v, *p}:
+                raise ModelError(f"{type(self).__name__}.terms: {name} is declared as a quantity too; rename it.")
+            known = {*x, *u, *p, *definitions}
+            definitions[symbol(name)] = self._expression("terms", name, value, known)
+        return definitions
+
     def _call(self, method: str, *vectors: Any) -> Any:
         try:
             return getattr(self, method)(*vectors)
         except Exception as error:
             place = traceback.extract_tb(error.__traceback__)[1:]
-            lines = [f.lineno for f in place if f.name == method] or [f.lineno for f in place]
+            lines = [f.lineno for f in place if f.name == method]
             line = f", line {lines[-1]}" if lines else ""
-            kind = "" if isinstance(error, ModelError) else f"{type(error).__name__}: "
-            hint = "" if isinstance(error, ModelError) else " (equations use sympy's functions, such as sympy.sin)"
-            raise ModelError(f"{type(self).__name__}.{method}{line}: {kind}{error}{hint}") from error
+            text = str(error)
+            if not isinstance(error, ModelError):
+                text = f"{type(error).__name__}: {text} (equations use sympy's functions, such as sympy.sin)"
+            raise ModelError(f"{type(self).__name__}.{method}{line}: {text}") from error
 
     def _expressions(
         self, method: str, vectors: tuple[Any, ...], names: tuple[Quantity, ...], known: set[Any]
     ) -> tuple[Any, ...]:
         values = self._call(method, *vectors)
         if isinstance(values, str) or not hasattr(values, "__len__") or not hasattr(values, "__iter__"):
-            raise ModelError(f"{type(self).__name__}.{method} must return a list of expressions, not {values!r}.")
+            raise ModelError(f"{type(self).__name__}.{method} must return a list of formulas, not {values!r}.")
         if len(values) != len(names):
             raise ModelError(
                 f"{type(self).__name__}.{method} returns {len(values)} expressions for {len(names)} names: "
@@ -204,12 +207,13 @@ class Model:
         if not isinstance(expression, sp.Expr):
             raise ModelError(f"{where} is {value!r}, which is not a single number or formula.")
         if expression.has(sp.nan, sp.zoo, sp.oo, -sp.oo, sp.I):
-            raise ModelError(f"{where} is {expression}, which is not a finite real number: is there a division by 0?")
+            raise ModelError(f"{where} is {expression}, not a finite real number: is there a division by 0?")
         strangers = sorted(str(s) for s in expression.free_symbols - known)
         if strangers:
             raise ModelError(
-                f"{where} uses symbols that are not declared or not allowed there: {', '.join(strangers)}. Take states "
-                "from x, inputs from u, parameters from p and, in dynamics only, noises from v; do not make symbols."
+                f"{where} uses symbols that are not declared or not allowed there: {', '.join(strangers)}. "
+                "Take states from x, inputs from u, parameters from p and, in dynamics only, noises from v; "
+                "do not make symbols."
             )
         return expression
 
@@ -226,7 +230,7 @@ class Model:
                 if gain.free_symbols & v:
                     raise ModelError(
                         f"{type(self).__name__}.dynamics: the noise {noise} enters the equation of {state.name} "
-                        "nonlinearly; it must enter as gain * noise, where the gain may depend on x, u and p."
+                        "nonlinearly; it must enter as gain * noise, where the gain may depend on x, u, p."
                     )
                 drives[noise] |= gain != 0
         idle = [str(noise) for noise, used in drives.items() if not used]

@@ -67,7 +67,7 @@ def load_model_file(path: Path | str, class_name: str, parameters: Mapping[str, 
         raise ModelError(
             f"{path}: {class_name} is not a model; write class {class_name}(Model), with Model from noiseid_cli.models."
         )
-    listed = f"it defines {', '.join(found)}" if found else "it defines no class of the kind class MyRobot(Model)"
+    listed = f"it defines {', '.join(found)}" if found else "it defines none (write class MyRobot(Model))"
     raise ModelError(f"{path}: there is no model class {class_name}; {listed}.")
 
 

@@ -1,1 +1,16 @@
 """Tables, figures and pages made from results."""
+
+from noiseid_cli.report.page import FORMATS, ReportFiles, make_report
+from noiseid_cli.report.study import DatasetFacts, ModelFacts, ParameterFact, Study
+from noiseid_cli.report.summary import terminal_tables
+
+__all__ = [
+    "FORMATS",
+    "DatasetFacts",
+    "ModelFacts",
+    "ParameterFact",
+    "ReportFiles",
+    "Study",
+    "make_report",
+    "terminal_tables",
+]

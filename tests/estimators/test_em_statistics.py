@@ -117,7 +117,9 @@ def test_dependent_noise_gains_are_named():
     model = linear_model([[0.5]], [[1.0, 2.0]], [[1.0]])
     recording = Recording("run", np.ones(3), np.zeros((4, 0)), np.ones((4, 1)))
     noise = NoiseValues(np.eye(2), np.eye(1), np.zeros((1, 1)), np.eye(1))
-    with pytest.raises(EstimationError, match="'run', sample 1: the columns of the noise gain F2 are linearly dependent"):
+    with pytest.raises(
+        EstimationError, match="'run', sample 1: the columns of the noise gain F2 are linearly dependent"
+    ):
         e_step(model, [recording], noise)
     # The filter's own linearisation needs no inverse of F2: the posterior of v exists all the same.
     assert np.all(np.isfinite(e_step(model, [recording], noise, FILTERED).moment_v))

@@ -19,7 +19,7 @@ def step(model, x, u, dt):
 
 
 def measure(model, x, u):
-    """h and its Jacobian."""
+    """H and its Jacobian."""
     y, H = np.empty(model.ny), np.empty((model.ny, model.nx))
     model.output_jacobian(x, u, model.parameters, y, H)
     return y, H

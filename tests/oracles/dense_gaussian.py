@@ -1,4 +1,4 @@
-"""The joint Gaussian of all states, noises and outputs of a linear model, written out and conditioned on the outputs."""
+"""The joint Gaussian of all states, noises and outputs of a linear model, conditioned on the outputs."""
 
 from __future__ import annotations
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, ClassVar
 
 import sympy as sp
 
@@ -34,15 +34,16 @@ _PER_JOINT = (
 class FlexibleRobot(Model):
     """Two-axis industrial robot arm with elastic joints; motor angles and tool acceleration are measured.
 
-    Arm 1 points up and arm 2 forward at zero arm angles. Motor quantities stand on the arm side of the gearbox. The
-    poster gives the structure and names the components, but prints neither their equations nor any number: the
-    equations are the ones usual for this robot family and every number is chosen.
+    Arm 1 points up and arm 2 forward at zero arm angles. Motor quantities stand on the arm side of the
+    gearbox. The poster gives the structure and names the components, but prints neither their equations nor
+    any number: the equations are the ones usual for this robot family and every number is chosen.
     """
 
     name = "flexible_robot"
     citation = (
-        "P. Axelsson, U. Orguner, F. Gustafsson and M. Norrlöf, ML estimation of process noise variance in dynamic "
-        "systems (poster, 2011): structure of the model. Its physical numbers are not printed; those here are chosen."
+        "P. Axelsson, U. Orguner, F. Gustafsson and M. Norrlöf, ML estimation of process noise variance in "
+        "dynamic systems (poster, 2011): structure of the model. Its physical numbers are not printed; those "
+        "here are chosen."
     )
     states = (
         Quantity("qa1", "rad", "arm angle 1"),
@@ -81,7 +82,7 @@ class FlexibleRobot(Model):
     )
     sample_time = 5e-4
     discretisation = "euler"
-    latex_names = {
+    latex_names: ClassVar = {
         **{f"q{part}{i}": f"q_{{{part}{i}}}" for part in "am" for i in (1, 2)},
         **{f"dq{part}{i}": rf"\dot q_{{{part}{i}}}" for part in "am" for i in (1, 2)},
         **{f"v{part}{i}": f"v_{{{part}{i}}}" for part in "am" for i in (1, 2)},
@@ -90,7 +91,11 @@ class FlexibleRobot(Model):
         **{f"k_high{i}": rf"k_{{\mathrm{{high}},{i}}}" for i in (1, 2)},
         **{f"tau_s{i}": rf"\tau_{{s{i}}}" for i in (1, 2)},
         **{f"jm{i}": f"j_{{m{i}}}" for i in (1, 2)},
+        **{f"k3_{i}": f"k_{{3,{i}}}" for i in (1, 2)},
+        **{f"m0_{i}": f"m_{{0,{i}}}" for i in (1, 2)},
         "det_J": r"\det J",
+        "ax": "a_x",
+        "ay": "a_y",
         "acc_s": "a_s",
         "acc_n": "a_n",
         "px": "p_x",
@@ -112,17 +117,26 @@ class FlexibleRobot(Model):
         t.G1 = -p.g * (p.m1 * p.xi1 * sp.sin(x.qa1) + p.m2 * (p.l1 * sp.sin(x.qa1) + p.xi2 * sp.cos(t.s)))
         t.G2 = -p.g * p.m2 * p.xi2 * sp.cos(t.s)
         # Spring torque tau_s, torque A through the gearbox, friction kappa of the motor, for each joint.
-        for i in ("1", "2"):
-            deflection, slip = x["qa" + i] - x["qm" + i], x["dqa" + i] - x["dqm" + i]
-            setattr(t, "tau_s" + i, _spring(deflection, p["k_low" + i], p["k_high" + i], p["psi" + i]))
-            setattr(t, "A" + i, p["d" + i] * slip + getattr(t, "tau_s" + i))
-            w, mu = x["dqm" + i], p["mu_k" + i]
-            stribeck = (mu + (1 - mu) * sp.sech(p["beta" + i] * w)) * sp.tanh(p["alpha" + i] * w)
-            setattr(t, "kappa" + i, -(p["f_d" + i] * w + p["f_c" + i] * stribeck))
+        for i in "12":
+            k_low, k_high, psi = p[f"k_low{i}"], p[f"k_high{i}"], p[f"psi{i}"]
+            t[f"k3_{i}"] = (k_high - k_low) / (3 * psi**2)
+            t[f"m0_{i}"] = k_low * psi + t[f"k3_{i}"] * psi**3
+            t[f"delta{i}"] = x[f"qa{i}"] - x[f"qm{i}"]
+            t[f"tau_s{i}"] = _spring(t[f"delta{i}"], k_low, k_high, psi, t[f"k3_{i}"], t[f"m0_{i}"])
+            t[f"A{i}"] = p[f"d{i}"] * (x[f"dqa{i}"] - x[f"dqm{i}"]) + t[f"tau_s{i}"]
+            w, mu = x[f"dqm{i}"], p[f"mu_k{i}"]
+            stribeck = (mu + (1 - mu) * sp.sech(p[f"beta{i}"] * w)) * sp.tanh(p[f"alpha{i}"] * w)
+            t[f"kappa{i}"] = -(p[f"f_d{i}"] * w + p[f"f_c{i}"] * stribeck)
         # Arm accelerations without noise: the accelerometer reads these, so that h depends on x and u only.
         torque1, torque2 = -t.C1 - t.G1 - t.A1, -t.C2 - t.G2 - t.A2
         t.ddqa1 = (t.J22 * torque1 - t.J12 * torque2) / t.det_J
         t.ddqa2 = (t.J11 * torque2 - t.J12 * torque1) / t.det_J
+        # Acceleration of the tool, with gravity as an upward acceleration.
+        sin1, cos1, rate = sp.sin(x.qa1), sp.cos(x.qa1), x.dqa1 + x.dqa2
+        turn = t.ddqa1 + t.ddqa2
+        t.ax = p.l1 * (cos1 * t.ddqa1 - sin1 * x.dqa1**2) - p.l2 * (sp.sin(t.s) * turn + sp.cos(t.s) * rate**2)
+        arm1, arm2 = sin1 * t.ddqa1 + cos1 * x.dqa1**2, sp.cos(t.s) * turn - sp.sin(t.s) * rate**2
+        t.ay = p.g - p.l1 * arm1 - p.l2 * arm2
         return t
 
     def dynamics(self, x: Any, u: Any, v: Any, p: Any) -> list[Any]:
@@ -140,12 +154,8 @@ class FlexibleRobot(Model):
 
     def output(self, x: Any, u: Any, p: Any) -> list[Any]:
         t = self.terms(x, u, p)
-        # Second derivative of the tool position, with gravity as an upward acceleration.
-        sin1, cos1, sin, cos = sp.sin(x.qa1), sp.cos(x.qa1), sp.sin(t.s), sp.cos(t.s)
-        rate, dds = x.dqa1 + x.dqa2, t.ddqa1 + t.ddqa2
-        ax = p.l1 * (cos1 * t.ddqa1 - sin1 * x.dqa1**2) - p.l2 * (sin * dds + cos * rate**2)
-        ay = -p.l1 * (sin1 * t.ddqa1 + cos1 * x.dqa1**2) - p.l2 * (cos * dds - sin * rate**2) + p.g
-        return [x.qm1, x.qm2, cos * ax - sin * ay, sin * ax + cos * ay]
+        sin, cos = sp.sin(t.s), sp.cos(t.s)
+        return [x.qm1, x.qm2, cos * t.ax - sin * t.ay, sin * t.ax + cos * t.ay]
 
     def performance(self, x: Any, u: Any, p: Any) -> list[Any]:
         t = self.terms(x, u, p)
@@ -155,12 +165,10 @@ class FlexibleRobot(Model):
         ]
 
 
-def _spring(d: Any, k_low: Any, k_high: Any, psi: Any) -> Any:
-    """Hardening spring: cubic up to |d| = psi and linear beyond, with continuous value and slope."""
-    k3 = (k_high - k_low) / (3 * psi**2)
-    m0 = k_low * psi + k3 * psi**3
+def _spring(delta: Any, k_low: Any, k_high: Any, psi: Any, k3: Any, m0: Any) -> Any:
+    """Hardening spring: cubic up to |delta| = psi and linear beyond, with continuous value and slope."""
     return sp.Piecewise(
-        (m0 + k_high * (d - psi), d > psi),
-        (-m0 + k_high * (d + psi), d < -psi),
-        (k_low * d + k3 * d**3, True),
+        (m0 + k_high * (delta - psi), delta > psi),
+        (-m0 + k_high * (delta + psi), delta < -psi),
+        (k_low * delta + k3 * delta**3, True),
     )

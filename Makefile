@@ -1,0 +1,58 @@
+# noiseid: set-up and common tasks. `make help` lists the targets.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+JOBS ?= 2
+CONFIG ?= noiseid_cli/config/quickstart.yaml
+RUNS ?= runs
+
+.DEFAULT_GOAL := help
+.PHONY: help setup demo run simulate import estimate report test lint format bench clean
+
+help: ## List the targets
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+setup: $(READY) ## Make .venv with everything pinned in constraints.txt
+$(READY): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit("noiseid needs Python 3.11 or newer") if sys.version_info < (3, 11) else None'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	@touch $@
+
+demo: $(READY) ## Main job on the flexible robot: simulate, estimate by EM, report
+	$(BIN)/noiseid run $(CONFIG) --jobs $(JOBS) --out $(RUNS)
+
+run: demo ## The same as demo; CONFIG=file takes another experiment
+
+simulate: $(READY) ## Simulate the datasets of CONFIG
+	$(BIN)/noiseid simulate $(CONFIG) --jobs $(JOBS) --out $(RUNS)
+
+import: $(READY) ## Import the recordings of CONFIG
+	$(BIN)/noiseid import $(CONFIG) --jobs $(JOBS) --out $(RUNS)
+
+estimate: $(READY) ## Run the methods of CONFIG on its datasets
+	$(BIN)/noiseid estimate $(CONFIG) --jobs $(JOBS) --out $(RUNS)
+
+report: $(READY) ## Make the report of CONFIG from its results
+	$(BIN)/noiseid report $(CONFIG) --out $(RUNS)
+
+test: $(READY) ## Run the tests
+	$(BIN)/python -m pytest
+
+lint: $(READY) ## Check style, types and the import floors
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+format: $(READY) ## Bring the code into the project's format
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+bench: $(READY) ## Time a pass of EM against the textbook form, side by side
+	$(BIN)/python benchmarks/em_pass.py
+
+clean: ## Remove .venv, caches and runs
+	rm -rf $(VENV) $(RUNS) .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,73 @@
+"""The `noiseid` command: which commands exist, nothing else."""
+
+from __future__ import annotations
+
+import os
+from typing import Annotated
+
+# One BLAS thread: the matrices are small, and the bits must not depend on the number of cores.
+for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_variable, "1")
+
+import typer  # noqa: E402
+
+from noiseid_cli import __version__  # noqa: E402
+from noiseid_cli.commands import (  # noqa: E402
+    check,
+    cite,
+    env,
+    estimate,
+    import_,
+    init,
+    inspect,
+    methods,
+    models,
+    report,
+    run,
+    schema,
+    simulate,
+)
+
+app = typer.Typer(
+    name="noiseid",
+    help="Identify the noise covariances of a state-space model from recordings.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    epilog="Start with `noiseid init`, or try `noiseid run` bare: it takes the built-in flexible robot.",
+)
+
+app.command()(run.run)
+app.command()(simulate.simulate)
+app.command("import")(import_.import_)
+app.command()(estimate.estimate)
+app.command()(report.report)
+app.command()(check.check)
+app.command()(init.init)
+app.add_typer(models.app, name="models")
+app.command()(methods.methods)
+app.command()(inspect.inspect)
+app.command()(schema.schema)
+app.command()(cite.cite)
+app.command()(env.env)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"noiseid {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    """Identify the noise covariances of a state-space model from recordings."""
+
+
+def main() -> None:
+    """Entry point of the `noiseid` command."""
+    app()

@@ -1,0 +1,33 @@
+"""`noiseid estimate`."""
+
+from __future__ import annotations
+
+from noiseid_cli.commands.console import guarded
+from noiseid_cli.commands.options import RUNS, Config, DryRun, Force, Jobs, Json, Method, Out, Quiet, Seed, Set, Verbose
+
+
+@guarded
+def estimate(
+    config: Config = None,
+    method: Method = None,
+    overrides: Set = None,
+    seed: Seed = None,
+    jobs: Jobs = 1,
+    out: Out = RUNS,
+    force: Force = False,
+    dry_run: DryRun = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+    json: Json = False,
+) -> None:
+    """Run the methods on the datasets that are there."""
+    from noiseid_cli.commands.stages import open_session
+    from noiseid_cli.pipeline.units import estimate_units, require_datasets
+
+    session = open_session(
+        config, out, overrides, seed, jobs=jobs, force=force, dry_run=dry_run, quiet=quiet, verbose=verbose, json=json
+    )
+    units = estimate_units(session.context, method)
+    if not dry_run:
+        require_datasets(session.context, units)
+    session.finish(session.run("estimate", units), "results")

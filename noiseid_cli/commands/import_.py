@@ -1,0 +1,32 @@
+"""`noiseid import`."""
+
+from __future__ import annotations
+
+from noiseid_cli.commands.console import guarded
+from noiseid_cli.commands.options import RUNS, Config, DryRun, Force, Jobs, Json, Out, Quiet, Seed, Set, Verbose
+
+
+@guarded
+def import_(
+    config: Config = None,
+    overrides: Set = None,
+    seed: Seed = None,
+    jobs: Jobs = 1,
+    out: Out = RUNS,
+    force: Force = False,
+    dry_run: DryRun = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+    json: Json = False,
+) -> None:
+    """Import the experiment's recordings, each fault named by its row."""
+    from noiseid_cli.commands.stages import open_session
+    from noiseid_cli.errors import DataError
+    from noiseid_cli.pipeline.units import dataset_units
+
+    session = open_session(
+        config, out, overrides, seed, jobs=jobs, force=force, dry_run=dry_run, quiet=quiet, verbose=verbose, json=json
+    )
+    if session.context.experiment.import_ is None:
+        raise DataError("the experiment has no `import` section, it simulates its data: run `noiseid simulate`")
+    session.finish(session.run("import", dataset_units(session.context)), "datasets")

@@ -1,0 +1,32 @@
+"""`noiseid simulate`."""
+
+from __future__ import annotations
+
+from noiseid_cli.commands.console import guarded
+from noiseid_cli.commands.options import RUNS, Config, DryRun, Force, Jobs, Json, Out, Quiet, Seed, Set, Verbose
+
+
+@guarded
+def simulate(
+    config: Config = None,
+    overrides: Set = None,
+    seed: Seed = None,
+    jobs: Jobs = 1,
+    out: Out = RUNS,
+    force: Force = False,
+    dry_run: DryRun = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+    json: Json = False,
+) -> None:
+    """Simulate the experiment's datasets, with the truth stored beside the data."""
+    from noiseid_cli.commands.stages import open_session
+    from noiseid_cli.errors import DataError
+    from noiseid_cli.pipeline.units import dataset_units
+
+    session = open_session(
+        config, out, overrides, seed, jobs=jobs, force=force, dry_run=dry_run, quiet=quiet, verbose=verbose, json=json
+    )
+    if session.context.experiment.simulate is None:
+        raise DataError("the experiment has no `simulate` section, it imports recordings: run `noiseid import`")
+    session.finish(session.run("simulate", dataset_units(session.context)), "datasets")

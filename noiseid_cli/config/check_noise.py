@@ -1,0 +1,91 @@
+"""Does a covariance fit the names it belongs to, and its structure?"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+from noiseid_cli.config.covariance import Covariance, smallest_eigenvalue
+from noiseid_cli.config.document import Path
+from noiseid_cli.config.schema_estimate import Blocks, CovarianceChoice
+from noiseid_cli.config.suggest import did_you_mean
+
+if TYPE_CHECKING:
+    from noiseid_cli.models.recording import Array
+
+Add = Callable[[Path, str], None]
+
+
+def check_size(add: Add, path: Path, covariance: Covariance, names: Sequence[str], what: str) -> bool:
+    """Compare the size of a covariance with the names it belongs to."""
+    if covariance.size == len(names):
+        return True
+    add(
+        (*path, covariance.form),
+        f"has {covariance.size} entries, but the model has {len(names)} {what}: {', '.join(names)}",
+    )
+    return False
+
+
+def check_choice(add: Add, path: Path, choice: CovarianceChoice, names: Sequence[str], what: str) -> None:
+    """Check a covariance of the ``estimate`` section, known or to be estimated."""
+    if choice.known is not None:
+        fits = check_size(add, (*path, "known"), choice.known, names, what)
+        if fits and path[-1] == "measurement_noise":
+            _check_definite(add, (*path, "known", choice.known.form), choice.known.matrix(), names)
+        return
+    assert choice.start is not None  # the schema asks for one of the two
+    known_names = _check_names(add, path, choice, names, what)
+    if not check_size(add, (*path, "start"), choice.start, names, what) or not known_names:
+        return
+    here = (*path, "start", choice.start.form)
+    matrix = choice.start.matrix()
+    _check_structure(add, here, matrix, choice, names)
+    _check_definite(add, here, matrix, names)
+
+
+def _check_names(add: Add, path: Path, choice: CovarianceChoice, names: Sequence[str], what: str) -> bool:
+    """Check the names in ``structure`` and ``fixed``."""
+    used: list[tuple[Path, str]] = []
+    if isinstance(choice.structure, Blocks):
+        for i, block in enumerate(choice.structure.blocks):
+            used += [((*path, "structure", "blocks", i, j), name) for j, name in enumerate(block)]
+    for i, entry in enumerate(choice.fixed):
+        if isinstance(entry, str):
+            used.append(((*path, "fixed", i), entry))
+        else:
+            used += [((*path, "fixed", i, j), name) for j, name in enumerate(entry)]
+    unknown = [(place, name) for place, name in used if name not in names]
+    for place, name in unknown:
+        add(place, f"{name} is not one of the model's {what}: {', '.join(names)}{did_you_mean(name, names)}")
+    return not unknown
+
+
+def _check_structure(add: Add, path: Path, matrix: Array, choice: CovarianceChoice, names: Sequence[str]) -> None:
+    """Refuse a start with covariances that its structure does not have."""
+    if choice.structure in ("full", "scale"):
+        return
+    blocks = choice.structure.blocks if isinstance(choice.structure, Blocks) else ()
+    block_of = {name: i for i, block in enumerate(blocks) for name in block}
+    for i, first in enumerate(names):
+        for j, second in enumerate(names[:i]):
+            together = first in block_of and block_of[first] == block_of.get(second)
+            if matrix[i, j] != 0.0 and not together:
+                add(path, f"has a covariance of {second} and {first}, which the structure holds at 0")
+                return
+
+
+def _check_definite(add: Add, path: Path, matrix: Array, names: Sequence[str]) -> None:
+    """Refuse a singular matrix: a filter inverts R, and no method leaves a start of zero variance."""
+    import numpy as np
+
+    zero = [i for i in range(len(names)) if matrix[i, i] == 0.0]
+    for i in zero:
+        place = (i, i) if path[-1] == "full" else (i,)
+        add((*path, *place), f"the variance of {names[i]} must not be 0: give a positive value")
+    if zero:
+        return
+    smallest, direction = smallest_eigenvalue(matrix)
+    if smallest <= len(names) ** 2 * np.finfo(np.float64).eps:
+        mix = ", ".join(f"{name} {part:.3g}" for name, part in zip(names, direction, strict=True))
+        add(path, f"must be positive definite; it is singular in the direction {mix} (at unit variances)")

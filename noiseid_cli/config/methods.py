@@ -1,0 +1,90 @@
+"""The options of each estimation method: one class a method, in one dict."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar, Literal
+
+from pydantic import Field
+
+from noiseid_cli.config.base import Base, Count, NotNegative, refuse
+from noiseid_cli.config.suggest import did_you_mean
+
+
+class MethodOptions(Base):
+    """What every method has: its name. A subclass gives ``method`` its one value.
+
+    Attributes:
+        summary: one line for ``noiseid methods``.
+        estimates: which unknowns it can estimate.
+        citation: the paper it is from.
+    """
+
+    summary: ClassVar[str] = ""
+    estimates: ClassVar[str] = ""
+    citation: ClassVar[str] = ""
+
+    method: str = Field(description="the method; default: the label it stands under")
+
+
+class EmOptions(MethodOptions):
+    """Expectation maximisation with an extended Kalman smoother."""
+
+    summary: ClassVar[str] = "expectation maximisation with an extended Kalman smoother, accelerated by SQUAREM"
+    estimates: ClassVar[str] = "Q, R, m0, P0 (full, diagonal, blocks, scale, entries held)"
+    citation: ClassVar[str] = (
+        "P. Axelsson, U. Orguner, F. Gustafsson, M. Norrlof: ML estimation of process noise variance in dynamic "
+        "systems, poster, 2011 (EM with an extended Kalman smoother)"
+    )
+
+    method: Literal["em"] = Field(
+        default="em", description="expectation maximisation; default: the label it stands under"
+    )
+    linearisation: Literal["smoothed", "filtered"] = Field(
+        default="smoothed",
+        description="states at which the M-step linearises: anew at the smoothed ones, or the filter's own",
+    )
+    acceleration: Literal["squarem", "none"] = Field(
+        default="squarem", description="extrapolation between passes; none is the algorithm as published"
+    )
+    max_passes: Count = Field(default=500, description="largest number of passes over the data")
+    loglik_tolerance: NotNegative = Field(
+        default=1e-3,
+        description="change of the log-likelihood in a pass below which it counts as still, nats",
+    )
+    parameter_tolerance: NotNegative = Field(
+        default=1e-5,
+        description="relative change of the covariances in a pass below which they count as still",
+    )
+    stop: Literal["both", "loglik", "parameters"] = Field(
+        default="both",
+        description="what must be still to stop; loglik with tolerance 0 is the published rule",
+    )
+    fall_tolerance: NotNegative = Field(
+        default=0.0, description="fall of the log-likelihood that the acceleration still accepts, nats"
+    )
+
+
+METHOD_OPTIONS: dict[str, type[MethodOptions]] = {"em": EmOptions}
+"""Every known method, by the name used in experiment files."""
+
+
+def name_methods(value: Any) -> Any:
+    """Fill in each ``method`` that is left out from its label, before validation."""
+    if not isinstance(value, dict):
+        return value
+    named = {label: {} if options is None else options for label, options in value.items()}
+    return {
+        label: {"method": label, **options} if isinstance(options, dict) else options
+        for label, options in named.items()
+    }
+
+
+def pick_method(value: Any) -> Any:
+    """Validate the options of one method by the class that the method has in ``METHOD_OPTIONS``."""
+    if isinstance(value, MethodOptions) or not isinstance(value, dict):
+        return value
+    name = value.get("method")
+    if not isinstance(name, str) or name not in METHOD_OPTIONS:
+        known = list(METHOD_OPTIONS)
+        refuse(f"{name!r} is not a method; known: {', '.join(known)}{did_you_mean(name, known)}", at=["method"])
+    return METHOD_OPTIONS[name].model_validate(value)

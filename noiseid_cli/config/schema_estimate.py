@@ -1,0 +1,178 @@
+"""The ``estimate`` section: what is known, what is to be found from which start, by which methods."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import (
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    SerializeAsAny,
+    Strict,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+    model_validator,
+)
+
+from noiseid_cli.config.base import Base, Label, Names, Numbers, Positives, Text, refuse, unique
+from noiseid_cli.config.covariance import Covariance
+from noiseid_cli.config.methods import EmOptions, MethodOptions, name_methods, pick_method
+from noiseid_cli.config.suggest import did_you_mean
+
+_STRUCTURES = ("full", "diagonal", "scale")
+
+
+class Blocks(Base):
+    """Independent groups: a full covariance within each, zero between them."""
+
+    blocks: Annotated[tuple[Names, ...], Strict(False), Field(min_length=1)] = Field(
+        description="the groups, each a list of names; a name in none of them is a group of its own"
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        seen: set[str] = set()
+        for i, block in enumerate(self.blocks):
+            for j, name in enumerate(block):
+                if name in seen:
+                    refuse(f"{name} is in a block already", at=["blocks", i, j])
+                seen.add(name)
+        return self
+
+
+def _structure(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
+    """Choose between a word and blocks by the look of the value, so that a complaint is about that one only."""
+    if isinstance(value, dict):
+        return Blocks.model_validate(value)
+    if isinstance(value, str) and value not in _STRUCTURES:
+        refuse(f"must be one of {', '.join(_STRUCTURES)} or {{blocks: [...]}}{did_you_mean(value, _STRUCTURES)}")
+    if not isinstance(value, str | Blocks):
+        refuse(f"must be one of {', '.join(_STRUCTURES)} or {{blocks: [...]}}")
+    return handler(value)
+
+
+def _entry(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
+    """Take a name (a variance) or a pair of names (a covariance)."""
+    pair = isinstance(value, list | tuple) and len(value) == 2 and all(isinstance(v, str) for v in value)
+    if not (pair or (isinstance(value, str) and value)):
+        refuse("must be a name, for a variance, or [name, name], for a covariance")
+    return tuple(value) if pair else value
+
+
+Structure = Annotated[Literal["full", "diagonal", "scale"] | Blocks, WrapValidator(_structure)]
+FixedEntry = Annotated[str | Annotated[tuple[str, str], Field(min_length=2, max_length=2)], WrapValidator(_entry)]
+
+
+class CovarianceChoice(Base):
+    """A covariance that is known, or one that is estimated from a start."""
+
+    model_config = ConfigDict(json_schema_extra={"oneOf": [{"required": ["known"]}, {"required": ["start"]}]})
+
+    known: Covariance | None = Field(default=None, description="the covariance, taken as it is")
+    start: Covariance | None = Field(default=None, description="where the estimation starts from")
+    structure: Structure = Field(
+        default="full",
+        description="full, diagonal, scale (a factor times start) or {blocks: [[names], [names]]}",
+    )
+    fixed: Annotated[tuple[FixedEntry, ...], Strict(False)] = Field(
+        default=(), description="entries held at start: a name for a variance, [name, name] for a covariance"
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if (self.known is None) == (self.start is None):
+            refuse("give either known (taken as it is) or start (to be estimated)")
+        if self.known is not None:
+            for name, idle in (("structure", "full"), ("fixed", ())):
+                if getattr(self, name) != idle:
+                    refuse("goes with start: a known covariance is taken as it is", at=[name])
+        if self.structure == "scale" and self.fixed:
+            refuse("with structure scale only the factor is estimated: nothing can be fixed", at=["fixed"])
+        return self
+
+
+def _mean(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
+    """Take ``truth``, a list for all tests, or one list a test."""
+    if isinstance(value, str):
+        if value != "truth":
+            refuse("must be truth, a list of numbers, or a mapping from each test to one")
+        return value
+    if isinstance(value, list | tuple):
+        return _OneMean.model_validate({"mean": list(value)}).mean
+    if isinstance(value, dict):
+        return _MeanOfEach.model_validate({"mean": value}).mean
+    return refuse("must be truth, a list of numbers, or a mapping from each test to one")
+
+
+class _OneMean(Base):
+    mean: Numbers
+
+
+class _MeanOfEach(Base):
+    mean: dict[Text, Numbers] = Field(min_length=1)
+
+
+Mean = Annotated[Literal["truth"] | Numbers | dict[Text, Numbers], WrapValidator(_mean)]
+
+
+class MeanChoice(Base):
+    """The mean of the first state: known, or estimated from a start."""
+
+    model_config = ConfigDict(json_schema_extra={"oneOf": [{"required": ["known"]}, {"required": ["start"]}]})
+
+    known: Mean | None = Field(
+        default=None,
+        description="truth (simulated tests), a list in the units of the states, or {test: list}",
+    )
+    start: Mean | None = Field(default=None, description="where the estimation starts from; forms as for known")
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if (self.known is None) == (self.start is None):
+            refuse("give either known (taken as it is) or start (to be estimated)")
+        return self
+
+
+class Starts(Base):
+    """The starts of each method: every one is run."""
+
+    scale: Positives = Field(
+        default=(1.0,), description="factors on the start covariance of the process noise, one a start"
+    )
+    measurement_scale: Positives | None = Field(
+        default=None,
+        description="factors on the start covariance of the measurement noise, one a start; default: 1",
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.measurement_scale is not None and len(self.measurement_scale) != len(self.scale):
+            refuse(
+                f"has {len(self.measurement_scale)} factors, but scale has {len(self.scale)}: one of each a start",
+                at=["measurement_scale"],
+            )
+        return self
+
+
+Method = Annotated[SerializeAsAny[MethodOptions], BeforeValidator(pick_method)]
+
+
+class Estimate(Base):
+    """Find the noise."""
+
+    process_noise: CovarianceChoice = Field(description="covariance of the process noise, per sample")
+    measurement_noise: CovarianceChoice = Field(description="covariance of the measurement noise")
+    initial_mean: MeanChoice = Field(description="mean of the first state of each test")
+    initial_covariance: CovarianceChoice = Field(description="covariance of the first state, the same for all tests")
+    starts: Starts = Field(default=Starts(), description="starts to be tried")
+    methods: Annotated[dict[Label, Method], Field(min_length=1), BeforeValidator(name_methods)] = Field(
+        default={"em": EmOptions()},
+        description="methods to be run, each under a label of its own, with its options",
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if twin := unique(list(self.methods)):
+            refuse("differs from another label in upper and lower case only", at=["methods", twin])
+        return self

@@ -1,0 +1,107 @@
+"""What the remaining misfit of a filter says, in plain sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from noiseid_cli.diagnostics.evaluation import Evaluation
+
+SIGNIFICANCE = 0.01
+"""Ljung-Box p-value below which innovations are called coloured."""
+
+STANDARD_ERRORS = 3.0
+"""A mean this many standard errors off its expectation is called off."""
+
+STRETCHES = 10
+
+
+def misfit_sentences(evaluation: Evaluation, output_names: Sequence[str], dt: float | None) -> list[str]:
+    """Say what is left unexplained: size, colour and tails of the innovations, and where in time.
+
+    Args:
+        evaluation: one filter over one dataset.
+        output_names: (ny,) names of the outputs.
+        dt: interval between samples, s, to turn lags into times; None where it is not known.
+
+    Returns:
+        Sentences, in that order; one that says so when nothing was found.
+    """
+    if not evaluation.observed:
+        return ["No measurement was used, so nothing can be said about the misfit."]
+    coloured = _colour(evaluation, output_names, dt)
+    found = [*_size(evaluation, output_names), *coloured, *_tails(evaluation, output_names)]
+    found += _where(evaluation)
+    if not found:
+        return ["No misfit was found: the innovations have the predicted size and are white."]
+    if coloured and evaluation.label == "estimate" and abs(evaluation.nis - 1) < 0.1:
+        found.append(
+            f"The mean NIS is {evaluation.nis:.3g}, but the innovations are coloured: the estimated Q then "
+            "stands in for model error as well as for noise. A NIS of 1 on the data that was fitted proves "
+            "nothing, because free covariances reach it at any optimum."
+        )
+    return found
+
+
+def _size(evaluation: Evaluation, names: Sequence[str]) -> list[str]:
+    """NIS per output off 1: for white Gaussian innovations its standard error is sqrt(2 / n)."""
+    tolerance = STANDARD_ERRORS * np.sqrt(2 * len(names) / evaluation.observed)
+    out = []
+    for name, nis in zip(names, evaluation.nis_output, strict=True):
+        if np.isfinite(nis) and abs(nis - 1) > tolerance:
+            verdict = "over-confident" if nis > 1 else "under-confident"
+            factor = np.sqrt(nis)
+            out.append(
+                f"{name}: NIS {nis:.3g} instead of 1. The innovations are {factor:.3g} times as large as the "
+                f"filter predicts: it is {verdict}."
+            )
+    return out
+
+
+def _colour(evaluation: Evaluation, names: Sequence[str], dt: float | None) -> list[str]:
+    """Outputs whose innovations are not white, with the lag of the strongest correlation."""
+    out = []
+    for i, (name, p) in enumerate(zip(names, evaluation.ljung_box, strict=True)):
+        if np.isfinite(p) and p < SIGNIFICANCE:
+            rho = evaluation.autocorrelation[:, i]
+            lag = int(np.nanargmax(np.abs(rho)))
+            steps = "1 sample" if lag == 0 else f"{lag + 1} samples"
+            time = "" if dt is None else f" ({(lag + 1) * dt:.3g} s)"
+            p_text = f"p = {p:.2g}" if p >= 1e-12 else "p < 1e-12"
+            out.append(
+                f"{name}: the innovations are coloured (Ljung-Box {p_text}), most at a lag of "
+                f"{steps}{time}, where the correlation is {rho[lag]:.2f}."
+            )
+    return out
+
+
+def _tails(evaluation: Evaluation, names: Sequence[str]) -> list[str]:
+    """Excess kurtosis off 0: for Gaussian innovations its standard error is sqrt(24 / n)."""
+    tolerance = STANDARD_ERRORS * np.sqrt(24 * len(names) / evaluation.observed)
+    out = []
+    for name, kurtosis in zip(names, evaluation.kurtosis, strict=True):
+        if np.isfinite(kurtosis) and kurtosis > tolerance:
+            out.append(f"{name}: heavy tails (excess kurtosis {kurtosis:.3g}): outliers, or noise whose size varies.")
+        elif np.isfinite(kurtosis) and kurtosis < -tolerance:
+            out.append(f"{name}: light tails (excess kurtosis {kurtosis:.3g}), as from quantisation or saturation.")
+    return out
+
+
+def _where(evaluation: Evaluation) -> list[str]:
+    """The tenth of the time with most of the misfit, if its share is beyond chance."""
+    measured = np.isfinite(evaluation.nis_time)
+    nis = np.where(measured, evaluation.nis_time, 0.0)
+    if len(nis) < STRETCHES or nis.sum() <= 0:
+        return []
+    borders = np.linspace(0, len(nis), STRETCHES + 1).round().astype(int)
+    share = np.add.reduceat(nis, borders[:-1]) / nis.sum()
+    expected = np.add.reduceat(measured.astype(float), borders[:-1]) / measured.sum()
+    chance = expected + STANDARD_ERRORS * np.sqrt(2 * expected / evaluation.observed)
+    worst = int(np.argmax(share - chance))
+    if share[worst] <= chance[worst]:
+        return []
+    return [
+        f"The misfit is uneven in time: samples {borders[worst] + 1} to {borders[worst + 1]} hold "
+        f"{share[worst]:.0%} of the total NIS and {expected[worst]:.0%} of the measured samples."
+    ]

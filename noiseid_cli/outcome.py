@@ -1,0 +1,51 @@
+"""What one unit of work ends with: an estimate, its evaluations, and enough names to print both."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from noiseid_cli.diagnostics.evaluation import Evaluation
+from noiseid_cli.estimators.estimate import Estimate
+from noiseid_cli.models.recording import Array
+
+Columns = tuple[tuple[str, str, str], ...]
+"""(name, unit, description) of each column of an array."""
+
+
+@dataclass(frozen=True)
+class UnitResult:
+    """One method, from one start, on one dataset.
+
+    Attributes:
+        unit: label of the unit, such as ``replicate-000/em/start-0``.
+        dataset: name of the dataset.
+        method_label: label of the method in the experiment; ``estimate.method`` is its registered name.
+        start_index: number of the start, from 0.
+        start_scale: factor on the start covariance of the process noise.
+        replicate: number of the dataset's replicate, from 0.
+        estimate: the end of the estimator's run.
+        evaluations: filter against data, keyed ``start``, ``estimate`` and, where known, ``truth``.
+        noise_names, output_names, state_names: the model's columns.
+        test_names: names of the dataset's tests.
+        Q_true: (nv, nv) covariance of the process noise, where known.
+        R_true: (ny, ny) covariance of the measurement noise, where known.
+        seconds: wall-clock time of the unit.
+        seed: seed of the experiment.
+    """
+
+    unit: str
+    dataset: str
+    method_label: str
+    start_index: int
+    start_scale: float
+    replicate: int
+    estimate: Estimate
+    evaluations: dict[str, Evaluation]
+    noise_names: Columns
+    output_names: Columns
+    state_names: Columns
+    test_names: tuple[str, ...]
+    Q_true: Array | None
+    R_true: Array | None
+    seconds: float
+    seed: int

@@ -1,0 +1,126 @@
+"""An experiment that has been read, with its model, and where its files go."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from noiseid_cli.config.load import LoadedExperiment, load_experiment
+from noiseid_cli.errors import ConfigError
+
+if TYPE_CHECKING:
+    from noiseid_cli.config.schema import Experiment
+    from noiseid_cli.models.compiled import CompiledModel
+    from noiseid_cli.models.equations import Model
+
+Say = Callable[[str], None]
+"""Takes a sentence about what is going on."""
+
+
+@dataclass
+class Context:
+    """Everything that the stages share.
+
+    Attributes:
+        loaded: the checked experiment.
+        root: folder that holds the folders of all experiments.
+        say: takes sentences such as the one about a first compilation.
+    """
+
+    loaded: LoadedExperiment
+    root: Path
+    say: Say
+
+    @property
+    def experiment(self) -> Experiment:
+        """The settings."""
+        return self.loaded.experiment
+
+    @property
+    def folder(self) -> Path:
+        """Where everything of this experiment lands."""
+        return self.root / self.experiment.experiment
+
+    @cached_property
+    def model(self) -> Model:
+        """The model with its parameters and discretisation."""
+        from noiseid_cli.models.registry import load_model, load_model_file
+
+        choice = self.experiment.model
+        if choice.name is not None:
+            model = load_model(choice.name, choice.parameters)
+        else:
+            assert choice.file is not None
+            assert choice.class_name is not None
+            model = load_model_file(self.loaded.resolve(choice.file), choice.class_name, choice.parameters)
+        # The class states its own; an instance may differ.
+        if choice.discretisation is not None:
+            model.discretisation = choice.discretisation  # type: ignore[misc]
+        if self.experiment.simulate is not None and self.experiment.simulate.sample_time is not None:
+            model.sample_time = self.experiment.simulate.sample_time  # type: ignore[misc]
+        return model
+
+    @cached_property
+    def compiled(self) -> CompiledModel:
+        """The model's compiled functions."""
+        from noiseid_cli.models.compile import compile_model
+
+        return compile_model(self.model, self.say)
+
+    @cached_property
+    def model_digest(self) -> str:
+        """Key of the model's equations and parameter values: another model makes other results."""
+        from noiseid_cli.models.compile import cache_key
+
+        model = self.model
+        text = json.dumps([cache_key(model.equations()), model.values, model.discretisation, model.sample_time])
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    def check(self) -> None:
+        """Compare the experiment with its model.
+
+        Raises:
+            ConfigError: with every problem found.
+        """
+        from noiseid_cli.config.check import ModelNames, check_against
+
+        model = self.model
+        groups = (model.states, model.inputs, model.noises, model.outputs, model.parameters)
+        states, inputs, noises, outputs, parameters = (tuple(q.name for q in group) for group in groups)
+        names = ModelNames(
+            states,
+            inputs,
+            noises,
+            outputs,
+            parameters,
+            sample_time=model.sample_time or None,
+            discretisation=type(model).discretisation,
+        )
+        problems = check_against(self.loaded, names)
+        if problems:
+            raise ConfigError(str(self.loaded.file), problems)
+
+
+def open_experiment(
+    file: Path, root: Path, overrides: Iterable[str] = (), seed: int | None = None, say: Say = lambda _: None
+) -> Context:
+    """Read an experiment, load its model and compare the two.
+
+    Args:
+        file: the experiment file.
+        root: folder for the results of all experiments.
+        overrides: settings as ``a.b=VALUE``.
+        seed: replaces the file's.
+        say: takes sentences about what is going on.
+
+    Raises:
+        ConfigError, DataError, ModelError: with every problem that could be found.
+    """
+    context = Context(load_experiment(file, overrides, seed), root, say)
+    context.check()
+    return context

@@ -1,0 +1,108 @@
+"""The `simulate` and `import` stages: make one dataset file."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from noiseid_cli.pipeline.context import Context
+from noiseid_cli.pipeline.units import DatasetUnit
+
+if TYPE_CHECKING:
+    from noiseid_cli.config.schema_import import Column
+    from noiseid_cli.models.recording import Dataset
+
+
+def make_dataset(context: Context, unit: DatasetUnit) -> Dataset:
+    """Simulate or import one dataset and write it.
+
+    Raises:
+        NoiseidError: the simulation diverges, or a recording is faulty; nothing is written then.
+    """
+    from noiseid_cli.storage.dataset_file import write_dataset
+
+    dataset = _import(context, unit) if unit.recordings else _simulate(context, unit)
+    write_dataset(unit.path, dataset, file_attributes(context, unit.key))
+    return dataset
+
+
+def file_attributes(context: Context, key: str) -> dict[str, str]:
+    """What every file of ours says about its making."""
+    from noiseid_cli.storage.provenance import provenance
+
+    return {
+        "key": key,
+        "config": json.dumps(context.loaded.resolved(), sort_keys=True),
+        "model_sha256": context.model_digest,
+        "provenance": json.dumps(provenance(), sort_keys=True),
+    }
+
+
+def _simulate(context: Context, unit: DatasetUnit) -> Dataset:
+    import numpy as np
+
+    from noiseid_cli.simulation.motions import MOTIONS, plan_motion
+    from noiseid_cli.simulation.simulate import simulate
+
+    section = context.experiment.simulate
+    assert section is not None
+    kind = section.trajectory.kind
+    options = MOTIONS[kind].options(**section.trajectory.model_dump(exclude={"kind"}))
+    plan = plan_motion(kind, options, context.model, context.compiled, section.samples)
+    return simulate(
+        context.model,
+        context.compiled,
+        plan,
+        section.process_noise.matrix(),
+        section.measurement_noise.matrix(),
+        seed=context.experiment.seed,
+        samples=section.samples,
+        tests=section.tests,
+        replicate=unit.replicate,
+        x0=None if section.initial_state is None else np.array(section.initial_state),
+        name=unit.name,
+    )
+
+
+def _import(context: Context, unit: DatasetUnit) -> Dataset:
+    from noiseid_cli.recordings import import_recordings
+    from noiseid_cli.recordings.options import ColumnMap, ProblemPolicy, RecordingSource, TimeMap
+
+    section = context.experiment.import_
+    assert section is not None
+    group = "" if section.format.group is None else f"{section.format.group}/"
+
+    def column_map(column: Column) -> ColumnMap:
+        name = f"{group}{column.column}" if group else column.column
+        return ColumnMap(name, column.scale, column.offset)
+
+    sources = []
+    for name in unit.recordings:
+        own = section.source(name)
+        assert own.time is not None
+        time = own.time.model_dump()
+        if group and time["column"] is not None:
+            time["column"] = f"{group}{time['column']}"
+        sources.append(
+            RecordingSource(
+                name,
+                context.loaded.resolve(own.file),
+                time=TimeMap(**time),
+                inputs={k: column_map(c) for k, c in own.inputs.items()},
+                outputs={k: column_map(c) for k, c in own.outputs.items()},
+                **section.format.model_dump(exclude={"group"}),
+                rows=own.rows,
+            )
+        )
+    policy = ProblemPolicy(
+        **section.on_problem.model_dump(),
+        gap_factor=section.gap_factor,
+        interval_tolerance=section.interval_tolerance,
+        nominal_interval=section.nominal_interval,
+    )
+    model = context.model
+    inputs, outputs, states = (
+        tuple((q.name, q.unit, q.description) for q in group) for group in (model.inputs, model.outputs, model.states)
+    )
+    return replace(import_recordings(unit.name, sources, policy, model.name, inputs, outputs), states=states)

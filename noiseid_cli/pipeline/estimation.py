@@ -1,0 +1,112 @@
+"""The `estimate` stage: run one method from one start on one dataset, and write what came of it."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from noiseid_cli.errors import EstimationError
+from noiseid_cli.estimators.estimate import Estimate, Progress
+from noiseid_cli.models.noise import NoiseValues
+from noiseid_cli.outcome import UnitResult
+from noiseid_cli.pipeline.context import Context
+from noiseid_cli.pipeline.datasets import file_attributes
+from noiseid_cli.pipeline.problem import pose
+from noiseid_cli.pipeline.units import EstimateUnit
+
+if TYPE_CHECKING:
+    from noiseid_cli.config.methods import MethodOptions
+    from noiseid_cli.diagnostics.evaluation import Evaluation
+    from noiseid_cli.estimators.unknowns import Unknowns
+    from noiseid_cli.models.recording import Dataset
+
+
+def make_estimate(context: Context, unit: EstimateUnit, progress: Progress | None = None) -> UnitResult:
+    """Run one unit and write its result; a method that diverges is a result too.
+
+    Raises:
+        DataError: the dataset is missing or damaged.
+        EstimationError: the problem cannot be posed.
+    """
+    from noiseid_cli.storage.dataset_file import read_dataset
+    from noiseid_cli.storage.result_file import write_result
+
+    began = time.perf_counter()
+    dataset = read_dataset(unit.dataset.path)
+    section = context.experiment.estimate
+    assert section is not None
+    start, unknowns = pose(section, dataset, context.compiled, unit.scale, unit.measurement_scale)
+    estimate = _run(context, dataset, start, unknowns, unit.options, progress)
+    candidates = {"start": start, "estimate": estimate.final}
+    if dataset.Q_true is not None and dataset.R_true is not None:
+        candidates["truth"] = NoiseValues(dataset.Q_true, dataset.R_true, start.m0, start.P0)
+    evaluations: dict[str, Evaluation] = {}
+    for label, noise in candidates.items():
+        found = _evaluate(context, dataset, noise, label)
+        if found is not None:
+            evaluations[label] = found
+    result = UnitResult(
+        unit=unit.name,
+        dataset=dataset.name,
+        method_label=unit.label,
+        start_index=unit.start,
+        start_scale=unit.scale,
+        replicate=unit.dataset.replicate,
+        estimate=estimate,
+        evaluations=evaluations,
+        noise_names=tuple((q.name, q.unit, q.description) for q in context.model.noises),
+        output_names=dataset.outputs,
+        state_names=dataset.states,
+        test_names=tuple(r.name for r in dataset.recordings),
+        Q_true=dataset.Q_true,
+        R_true=dataset.R_true,
+        seconds=time.perf_counter() - began,
+        seed=context.experiment.seed,
+    )
+    write_result(unit.path, result, file_attributes(context, unit.key))
+    return result
+
+
+def _run(
+    context: Context,
+    dataset: Dataset,
+    start: NoiseValues,
+    unknowns: Unknowns,
+    options: MethodOptions,
+    progress: Progress | None,
+) -> Estimate:
+    """Call the method; a filter that fails at the start itself makes a result with status `diverged`."""
+    from noiseid_cli.estimators import em
+    from noiseid_cli.filters.ekf import FilterDivergedError
+
+    if options.method != "em":
+        raise EstimationError(f"method {options.method!r} is not known")
+    settings = options.model_dump(exclude={"method"})
+    try:
+        return em.estimate(context.compiled, dataset.recordings, start, unknowns, em.EmOptions(**settings), progress)
+    except FilterDivergedError as error:
+        return Estimate(
+            method=options.method,
+            status="diverged",
+            reason=f"the filter fails at the start values: {error}",
+            start=start,
+            final=start,
+            loglik_start=np.nan,
+            loglik=np.nan,
+            passes=0,
+            seconds=0.0,
+            settings=settings,
+        )
+
+
+def _evaluate(context: Context, dataset: Dataset, noise: NoiseValues, label: str) -> Evaluation | None:
+    """The filter with these values against the data; None where it fails."""
+    from noiseid_cli.diagnostics.evaluate import evaluate
+    from noiseid_cli.filters.ekf import FilterDivergedError
+
+    try:
+        return evaluate(context.compiled, dataset.recordings, noise, label)
+    except FilterDivergedError:
+        return None

@@ -1,0 +1,90 @@
+"""From the `estimate` section and a dataset to start values and unknowns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from noiseid_cli.errors import EstimationError
+from noiseid_cli.estimators.structure import CovarianceStructure
+from noiseid_cli.estimators.unknowns import Unknowns
+from noiseid_cli.models.noise import NoiseValues
+from noiseid_cli.models.recording import Array, Dataset
+
+if TYPE_CHECKING:
+    from noiseid_cli.config.schema_estimate import CovarianceChoice, Estimate, MeanChoice
+    from noiseid_cli.models.compiled import CompiledModel
+
+
+def pose(
+    section: Estimate,
+    dataset: Dataset,
+    model: CompiledModel,
+    scale: float = 1.0,
+    measurement_scale: float = 1.0,
+) -> tuple[NoiseValues, Unknowns]:
+    """Start values and unknowns of one estimation unit.
+
+    Args:
+        section: the experiment's `estimate` section.
+        dataset: the data.
+        model: names the noises, outputs and states.
+        scale, measurement_scale: factors on the starts of the process and the measurement noise.
+
+    Raises:
+        EstimationError: ``truth`` is asked of recordings that have none, or a test is not named.
+    """
+    Q, unknown_Q = _covariance(section.process_noise, model.noises, "process_noise", scale)
+    R, unknown_R = _covariance(section.measurement_noise, model.outputs, "measurement_noise", measurement_scale)
+    P0, unknown_P0 = _covariance(section.initial_covariance, model.states, "initial_covariance", 1.0)
+    m0 = _mean(section.initial_mean, dataset)
+    unknowns = Unknowns(Q=unknown_Q, R=unknown_R, P0=unknown_P0, m0=section.initial_mean.start is not None)
+    return NoiseValues(Q, R, m0, P0), unknowns
+
+
+def _covariance(
+    choice: CovarianceChoice, names: Sequence[str], what: str, scale: float
+) -> tuple[Array, CovarianceStructure | None]:
+    """Value and, where it is unknown, structure of one covariance."""
+    if choice.known is not None:
+        return choice.known.matrix(), None
+    assert choice.start is not None
+    start = choice.start.matrix() * scale
+    if choice.structure == "scale":
+        return start, CovarianceStructure.scaled(start, what)
+    if choice.structure == "full":
+        blocks: tuple[tuple[int, ...], ...] = (tuple(range(len(names))),)
+    elif choice.structure == "diagonal":
+        blocks = tuple((i,) for i in range(len(names)))
+    else:
+        listed = tuple(tuple(sorted(names.index(n) for n in block)) for block in choice.structure.blocks)
+        alone = tuple((i,) for i in range(len(names)) if not any(i in block for block in listed))
+        blocks = listed + alone
+    held = set()
+    for entry in choice.fixed:
+        i, j = (names.index(n) for n in ((entry, entry) if isinstance(entry, str) else entry))
+        held.add((max(i, j), min(i, j)))
+        # A held entry keeps the value that the config gives, whatever the start is scaled by.
+        start[i, j] = start[j, i] = choice.start.matrix()[i, j]
+    return start, CovarianceStructure(start, blocks, held=frozenset(held), what=what)
+
+
+def _mean(choice: MeanChoice, dataset: Dataset) -> Array:
+    """(tests, nx) mean of the first state."""
+    value = choice.known if choice.known is not None else choice.start
+    if value == "truth":
+        known = [r.x_true for r in dataset.recordings]
+        if any(x is None for x in known):
+            raise EstimationError(f"dataset {dataset.name} has no true states: give estimate.initial_mean as numbers")
+        return np.array([x[0] for x in known if x is not None])
+    if isinstance(value, dict):
+        missing = [r.name for r in dataset.recordings if r.name not in value]
+        if missing:
+            raise EstimationError(
+                f"estimate.initial_mean names no state for test {missing[0]!r} of dataset {dataset.name}; "
+                f"named: {', '.join(value)}"
+            )
+        return np.array([value[r.name] for r in dataset.recordings], dtype=float)
+    return np.tile(np.array(value, dtype=float), (len(dataset.recordings), 1))

@@ -1,0 +1,119 @@
+"""Log files become a dataset: every fault is found first and told with its row, or dealt with as the config says."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from noiseid_cli.errors import DataError
+from noiseid_cli.models.recording import Dataset, Recording
+from noiseid_cli.recordings.cells import Series, make_series
+from noiseid_cli.recordings.clock import bridge_gaps, even_intervals, nominal_interval, order_stamps
+from noiseid_cli.recordings.faults import Findings, counted
+from noiseid_cli.recordings.options import ColumnMap, ProblemPolicy, RecordingSource
+from noiseid_cli.recordings.readers import read_table
+
+Quantities = tuple[tuple[str, str, str], ...]
+
+
+def import_recordings(
+    name: str,
+    sources: Sequence[RecordingSource],
+    policy: ProblemPolicy,
+    model_name: str,
+    input_quantities: Quantities,
+    output_quantities: Quantities,
+) -> Dataset:
+    """Make one dataset of log files.
+
+    Args:
+        name: label of the dataset.
+        sources: the files and their columns; each becomes a test, or several where it is split at gaps.
+        policy: what to do about faults.
+        model_name: name of the model.
+        input_quantities, output_quantities: (name, unit, description) of the model's inputs and outputs, in order.
+
+    Returns:
+        The dataset; its notes say what was done to the data.
+
+    Raises:
+        DataError: a file or column cannot be read, or there are faults for which the policy is ``error``.
+    """
+    if not sources:
+        raise DataError(f"Dataset '{name}' names no recordings.")
+    _refuse_equal_names(name, [source.name for source in sources])
+    findings = Findings()
+    recordings: list[Recording] = []
+    for given in sources:
+        source = _checked(given, model_name, input_quantities, output_quantities)
+        columns = [c.column for c in (*source.inputs.values(), *source.outputs.values())]
+        if source.time.column is not None:
+            columns.insert(0, source.time.column)
+        series = make_series(source, read_table(source, columns), policy, findings)
+        recordings += _recordings(series, policy, findings)
+    findings.raise_if_faulty(name)
+    for recording in recordings:
+        if recording.samples < 2:
+            count = counted(recording.samples, "sample")
+            raise DataError(f"Dataset '{name}': test '{recording.name}' has {count}; at least 2 are needed.")
+    _refuse_equal_names(name, [recording.name for recording in recordings])
+    notes = tuple(findings.notes)
+    return Dataset(name, model_name, tuple(recordings), input_quantities, output_quantities, notes=notes)
+
+
+def _recordings(series: Series, policy: ProblemPolicy, findings: Findings) -> list[Recording]:
+    """The tests of one log file."""
+    series = order_stamps(series, policy, findings)
+    if len(series.time) < 2:
+        start = float(series.time[0]) if len(series.time) else 0.0
+        return [Recording(series.name, np.empty(0), series.u, series.y, start)]
+    interval = series.source.time.interval
+    nominal = nominal_interval(series, interval, policy)
+    tests = []
+    for part in bridge_gaps(series, nominal, policy, findings):
+        even, dt = even_intervals(part, nominal, policy, findings)
+        if interval is not None:
+            dt = np.round(dt / interval) * interval  # all rows stand on one grid: no rounding in between
+        tests.append(Recording(even.name, dt, even.u, even.y, float(even.time[0])))
+    return tests
+
+
+def _checked(
+    source: RecordingSource, model_name: str, input_quantities: Quantities, output_quantities: Quantities
+) -> RecordingSource:
+    """The source with its columns in the model's order, after its options have been found to make sense."""
+    time = source.time
+    if (time.column is None) == (time.interval is None):
+        raise DataError(f"{source.file}: time needs either a column or an interval, and not both.")
+    if time.interval is not None and not 0.0 < time.interval < float("inf"):
+        raise DataError(f"{source.file}: the interval is {time.interval} s; it must be above 0.")
+    begin, end = source.rows or (1, None)
+    if begin < 1 or (end is not None and end < begin):
+        raise DataError(f"{source.file}: rows {begin} to {end} are no range; rows count from 1.")
+    inputs = _ordered("input", source.inputs, input_quantities, model_name)
+    return replace(source, inputs=inputs, outputs=_ordered("output", source.outputs, output_quantities, model_name))
+
+
+def _refuse_equal_names(name: str, names: list[str]) -> None:
+    for label in names:
+        if names.count(label) > 1:
+            raise DataError(f"Dataset '{name}': two tests are called '{label}'; give each recording its own name.")
+
+
+def _ordered(word: str, maps: Mapping[str, ColumnMap], quantities: Quantities, model_name: str) -> dict[str, ColumnMap]:
+    """The columns in the model's order; each of its quantities needs one."""
+    names = [quantity[0] for quantity in quantities]
+    for name in maps:
+        if name not in names:
+            close = difflib.get_close_matches(name, names, n=1)
+            hint = f" Did you mean '{close[0]}'?" if close else ""
+            raise DataError(f"The model {model_name} has no {word} '{name}'; it has {', '.join(names)}.{hint}")
+    lacking = [name for name in names if name not in maps]
+    if lacking:
+        raise DataError(
+            f"The model {model_name} needs a column for each {word}; none is given for {', '.join(lacking)}."
+        )
+    return {name: maps[name] for name in names}

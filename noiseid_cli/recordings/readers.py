@@ -1,0 +1,49 @@
+"""One way to read a log file, whatever its format."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from pathlib import Path
+
+from noiseid_cli.errors import DataError
+from noiseid_cli.recordings.binary import read_binary
+from noiseid_cli.recordings.delimited import read_delimited
+from noiseid_cli.recordings.options import Kind, RecordingSource
+from noiseid_cli.recordings.table import Key, Table, checked_bytes
+
+_KINDS: dict[str, Kind] = {
+    ".csv": "csv", ".txt": "csv", ".tsv": "csv", ".dat": "csv", ".log": "csv", ".asc": "csv",
+    ".mat": "mat", ".h5": "hdf5", ".hdf5": "hdf5", ".hdf": "hdf5", ".nc": "hdf5", ".npz": "npz",
+}  # fmt: skip
+
+
+def read_table(source: RecordingSource, wanted: Sequence[Key]) -> Table:
+    """Read the wanted columns of a log file.
+
+    Args:
+        source: the file and how it is written.
+        wanted: columns by name, or by number from 1 in a CSV file.
+
+    Raises:
+        DataError: the file cannot be read, or has no such column.
+    """
+    wanted = list(dict.fromkeys(wanted))
+    kind = source.kind or _KINDS.get(source.file.suffix.lower())
+    if kind is None:
+        raise DataError(
+            f"{source.file}: its name does not tell what kind of file it is; set its kind in the config "
+            "(csv, mat, hdf5, npz)."
+        )
+    if kind == "csv":
+        return read_delimited(source, wanted)
+    return read_binary(source, kind, wanted)
+
+
+def source_digest(file: Path) -> str:
+    """SHA-256 of a log file, as hexadecimal digits, to be kept with what is made of it.
+
+    Raises:
+        DataError: the file cannot be read.
+    """
+    return hashlib.sha256(checked_bytes(Path(file))).hexdigest()

@@ -1,0 +1,98 @@
+"""What a report is made of: results, and the facts about model, data and run that stand beside them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from noiseid_cli.models.recording import Array
+from noiseid_cli.outcome import UnitResult
+
+
+@dataclass(frozen=True)
+class ParameterFact:
+    """One parameter of the model.
+
+    Attributes:
+        name, unit, description: as the model gives them.
+        value: the value in force.
+        source: where it comes from; ``chosen`` for a value that has no source but our choice.
+    """
+
+    name: str
+    value: float
+    unit: str
+    description: str
+    source: str
+
+
+@dataclass(frozen=True)
+class ModelFacts:
+    """The model in words: name, one sentence, its equations as lines of text, its parameters."""
+
+    name: str
+    description: str
+    equations: tuple[str, ...] = ()
+    parameters: tuple[ParameterFact, ...] = ()
+
+
+@dataclass(frozen=True)
+class DatasetFacts:
+    """One dataset in words and sizes.
+
+    Attributes:
+        name: as in ``UnitResult.dataset``.
+        origin: ``simulated`` or ``imported``, with more words where useful.
+        tests: number of tests.
+        samples: number of samples of all tests.
+        duration: length of all tests, s.
+        missing_share: share of the scalar measurements that is missing, 0 to 1.
+        notes: what was done to the data on the way in, in sentences.
+        times: per test, (N,) time of each sample, s; empty if not known: figures then count samples.
+        performance_unit: unit of the path error; empty where there is none.
+    """
+
+    name: str
+    origin: str
+    tests: int
+    samples: int
+    duration: float
+    missing_share: float
+    notes: tuple[str, ...] = ()
+    times: tuple[Array, ...] = ()
+    performance_unit: str = ""
+
+
+@dataclass(frozen=True)
+class Study:
+    """Everything that a report shows.
+
+    Attributes:
+        title: heading of the report.
+        experiment: name of the experiment.
+        results: one per unit, in the order in which they are shown.
+        model: the model in words.
+        datasets: the datasets in words.
+        environment: name and version of whatever the numbers depend on.
+        reproduce: lines to type to get the same results again.
+        warnings: what a reader must know first, in sentences.
+        citations: the papers behind the methods that ran.
+    """
+
+    title: str
+    experiment: str
+    results: list[UnitResult]
+    model: ModelFacts
+    datasets: list[DatasetFacts] = field(default_factory=list)
+    environment: dict[str, str] = field(default_factory=dict)
+    reproduce: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    citations: list[str] = field(default_factory=list)
+
+    def dataset(self, name: str) -> DatasetFacts | None:
+        """Facts about one dataset; None where none were given."""
+        return next((d for d in self.datasets if d.name == name), None)
+
+    def path_unit(self) -> str:
+        """Unit of the path error, where the datasets agree on one."""
+        units = {d.performance_unit for d in self.datasets if d.performance_unit}
+        return units.pop() if len(units) == 1 else ""

@@ -1,0 +1,98 @@
+"""The one table that everything else derives from: a row per unit, metric and index, in full precision."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from noiseid_cli.models.recording import Array
+from noiseid_cli.outcome import UnitResult
+from noiseid_cli.report.reading import (
+    PLACES,
+    At,
+    Names,
+    correlation,
+    covariance_unit,
+    covariances,
+    loglik,
+    reason,
+    std,
+)
+from noiseid_cli.report.study import Study
+from noiseid_cli.report.tables import Cell, Column, Missing, Table, number
+
+HEADINGS = (
+    "unit", "dataset", "method", "start", "start_scale", "replicate", "status",
+    "at", "metric", "index", "value", "value_unit", "note",
+)  # fmt: skip
+
+Row = tuple[str, str, str, float, str]
+"""at, metric, index, value, unit of the value."""
+
+
+def tidy_table(study: Study) -> Table:
+    """All numbers of a study in long form; ``at`` is start, estimate, truth or empty; a value may be empty."""
+    rows = []
+    for result in study.results:
+        head: tuple[Cell, ...] = (
+            result.unit,
+            result.dataset,
+            result.method_label,
+            result.start_index,
+            float(result.start_scale),
+            result.replicate,
+            result.estimate.status,
+        )
+        for at, metric, index, value, unit in _rows(result, study):
+            cell = value if isinstance(value, int) else number(value, "")
+            note = reason(result, "truth" if at == "truth" else "estimate") if isinstance(cell, Missing) else ""
+            rows.append((*head, at, metric, index, cell, unit, note))
+    caption = "One row per unit, place (at), metric and index."
+    return Table("results", "All results", caption, tuple(Column(h) for h in HEADINGS), tuple(rows))
+
+
+def _rows(result: UnitResult, study: Study) -> Iterator[Row]:
+    yield "", "passes", "", result.estimate.passes, ""
+    yield "", "seconds", "", result.seconds, "s"
+    yield "", "estimation_seconds", "", result.estimate.seconds, "s"
+    yield "", "seed", "", result.seed, ""
+    for at in PLACES:
+        yield from _covariance_rows(result, at)
+        yield from _evaluation_rows(result, at, study.path_unit())
+
+
+def _covariance_rows(result: UnitResult, at: At) -> Iterator[Row]:
+    Q, R = covariances(result, at)
+    if Q is not None:
+        yield from _matrix_rows(at, "process_noise", Q, result.noise_names)
+    if R is not None:
+        yield from _matrix_rows(at, "measurement_noise", R, result.output_names)
+
+
+def _matrix_rows(at: At, kind: str, covariance: Array, names: Names) -> Iterator[Row]:
+    rho = correlation(covariance)
+    for i, (name, unit, _) in enumerate(names):
+        yield at, f"{kind}_std", name, std(covariance, i), unit
+        for j in range(i + 1):
+            pair = f"{name}, {names[j][0]}"
+            yield at, f"{kind}_covariance", pair, float(covariance[i, j]), covariance_unit(names, i, j)
+            if j < i:
+                yield at, f"{kind}_correlation", pair, float(rho[i, j]), ""
+
+
+def _evaluation_rows(result: UnitResult, at: At, path_unit: str) -> Iterator[Row]:
+    found = result.evaluations.get(at)
+    if found is None:
+        if at != "truth":
+            yield at, "loglik", "", loglik(result, at), ""
+        return
+    yield at, "loglik", "", found.loglik, ""
+    yield at, "observed", "", found.observed, ""
+    yield at, "nis", "", found.nis, ""
+    if found.path_error is not None:
+        yield at, "path_error_norm", "", found.path_error_norm, path_unit
+    for i, (name, _, _) in enumerate(result.output_names):
+        yield at, "nis_output", name, float(found.nis_output[i]), ""
+        yield at, "ljung_box_p", name, float(found.ljung_box[i]), ""
+        yield at, "kurtosis", name, float(found.kurtosis[i]), ""
+        for lag, rho in enumerate(found.autocorrelation[:, i], 1):
+            yield at, "autocorrelation", f"{name}, {lag}", float(rho), ""

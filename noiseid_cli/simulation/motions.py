@@ -1,0 +1,176 @@
+"""What moves a simulated model: the kinds of ``trajectory`` in an experiment, their options and their builders."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from noiseid_cli.errors import ModelError
+from noiseid_cli.models.compiled import CompiledModel
+from noiseid_cli.models.equations import Model
+from noiseid_cli.models.recording import Array
+from noiseid_cli.simulation import signals
+from noiseid_cli.simulation.robot_controller import RobotController, robot_reference
+from noiseid_cli.simulation.rollout import Controller
+from noiseid_cli.simulation.trajectory import SquarePath
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A motion made ready for one model and a number of samples.
+
+    Attributes:
+        controller: sets the inputs.
+        x0: (nx,) state that the motion starts from unless another one is asked for.
+    """
+
+    controller: Controller
+    x0: Array
+
+
+@dataclass(frozen=True)
+class Square:
+    """Options of kind ``square``: the tool of the flexible robot runs along a square, over and over.
+
+    Attributes:
+        corner: first corner (lower left), m.
+        side: length of a side, m, above 0.
+        side_time: time for one side, s, above 0.
+    """
+
+    corner: tuple[float, float] = (1.2, 0.7)
+    side: float = 0.2
+    side_time: float = 0.5
+
+
+@dataclass(frozen=True)
+class Zero:
+    """Options of kind ``zero``: all inputs are zero."""
+
+
+@dataclass(frozen=True)
+class Multisine:
+    """Options of kind ``multisine``: sums of cosines, see ``signals.multisine``.
+
+    Attributes:
+        amplitude: largest magnitude of each input, in the input's unit.
+        lowest, highest: range of the frequencies, Hz; 0 < lowest <= highest < half the sample rate.
+        lines: number of frequencies of each input, at least 1.
+    """
+
+    amplitude: tuple[float, ...]
+    lowest: float
+    highest: float
+    lines: int = 10
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Options of kind ``steps``: inputs that jump between plus and minus their amplitude, see ``signals.steps``.
+
+    Attributes:
+        amplitude: magnitude of each input, in the input's unit.
+        hold: shortest time between jumps, s, above 0.
+    """
+
+    amplitude: tuple[float, ...]
+    hold: float
+
+
+def _square(options: Square, model: Model, compiled: CompiledModel, samples: int) -> Plan:
+    _require(options.side > 0 and options.side_time > 0, "square: side and side_time must be above 0.")
+    path = SquarePath(corner=options.corner, side=options.side, side_time=options.side_time)
+    dt, lengths = model.sample_time, (model.values["l1"], model.values["l2"])
+    reference = robot_reference(compiled, path, samples, dt, *lengths)
+    return Plan(RobotController(reference, dt), reference.x0)
+
+
+def _zero(options: Zero, model: Model, compiled: CompiledModel, samples: int) -> Plan:
+    return _open_loop(compiled, np.zeros((samples, compiled.nu)))
+
+
+def _multisine(options: Multisine, model: Model, compiled: CompiledModel, samples: int) -> Plan:
+    amplitude = _amplitude("multisine", options.amplitude, compiled)
+    limit = 0.5 / model.sample_time
+    _require(
+        0 < options.lowest <= options.highest < limit,
+        f"multisine: lowest and highest must satisfy 0 < lowest <= highest < {limit:g} Hz (half the sample rate).",
+    )
+    _require(options.lines >= 1, "multisine: lines must be at least 1.")
+    time = model.sample_time * np.arange(samples, dtype=np.float64)
+    return _open_loop(compiled, signals.multisine(time, amplitude, options.lowest, options.highest, options.lines))
+
+
+def _steps(options: Steps, model: Model, compiled: CompiledModel, samples: int) -> Plan:
+    amplitude = _amplitude("steps", options.amplitude, compiled)
+    _require(options.hold > 0, "steps: hold must be above 0 s.")
+    return _open_loop(
+        compiled,
+        signals.steps(model.sample_time * np.arange(samples, dtype=np.float64), amplitude, options.hold),
+    )
+
+
+def _open_loop(compiled: CompiledModel, u: Array) -> Plan:
+    return Plan(signals.Signal(np.ascontiguousarray(u)), np.zeros(compiled.nx))
+
+
+def _amplitude(kind: str, amplitude: tuple[float, ...], compiled: CompiledModel) -> Array:
+    names = ", ".join(compiled.inputs) or "none"
+    _require(
+        len(amplitude) == compiled.nu > 0,
+        f"{kind}: amplitude has {len(amplitude)} values; {compiled.name} has {compiled.nu} inputs: {names}.",
+    )
+    return np.array(amplitude, dtype=float)
+
+
+def _require(condition: bool, message: str) -> None:
+    if not condition:
+        raise ModelError(f"trajectory {message}")
+
+
+@dataclass(frozen=True)
+class Motion:
+    """One kind of trajectory.
+
+    Attributes:
+        options: dataclass of its options; an option without a default is required.
+        build: makes the plan from (options, model, compiled, samples).
+        models: names of the models that it is for; empty for all.
+    """
+
+    options: type
+    build: Callable[[Any, Model, CompiledModel, int], Plan]
+    models: tuple[str, ...] = ()
+
+
+MOTIONS = {
+    "square": Motion(Square, _square, ("flexible_robot",)),
+    "zero": Motion(Zero, _zero),
+    "multisine": Motion(Multisine, _multisine),
+    "steps": Motion(Steps, _steps),
+}
+"""Each kind that may stand as ``trajectory: {kind: ...}``."""
+
+
+def plan_motion(kind: str, options: Any, model: Model, compiled: CompiledModel, samples: int) -> Plan:
+    """The motion of one kind for one model.
+
+    Args:
+        kind: a key of ``MOTIONS``.
+        options: instance of that motion's options.
+        model, compiled: the model and its compiled functions.
+        samples: number of samples of each test.
+
+    Raises:
+        ModelError: the kind is not known or not for this model, or an option does not fit the model.
+    """
+    if kind not in MOTIONS:
+        raise ModelError(f"trajectory: kind {kind} is not known; known: {', '.join(MOTIONS)}.")
+    motion = MOTIONS[kind]
+    if motion.models and model.name not in motion.models:
+        others = ", ".join(k for k, m in MOTIONS.items() if not m.models or model.name in m.models)
+        raise ModelError(f"trajectory: kind {kind} is not for {model.name}; for this model: {others}.")
+    return motion.build(options, model, compiled, samples)

@@ -1,0 +1,245 @@
+"""Result files: what one unit of work ended with.
+
+Format ``noiseid-result``, version 1. The root holds names and totals; ``start`` and ``final`` the noise values,
+``trace`` their history, ``evaluation/<label>`` how a filter with them agrees with the data, ``truth`` what made it.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from noiseid_cli import __version__
+from noiseid_cli.diagnostics.evaluation import Evaluation
+from noiseid_cli.errors import DataError
+from noiseid_cli.estimators.estimate import Estimate
+from noiseid_cli.models.noise import NoiseValues
+from noiseid_cli.models.recording import Array
+from noiseid_cli.outcome import UnitResult
+from noiseid_cli.storage import hdf5
+from noiseid_cli.storage.atomic import publish
+from noiseid_cli.storage.layout import add_columns, add_index, add_labels, columns_of, labels_of, put
+
+if TYPE_CHECKING:
+    import h5py
+
+FORMAT = "noiseid-result"
+VERSION = 1
+MIGRATIONS: dict[int, hdf5.Migration] = {}
+
+_Q = (("noise", "noise_"), "product of the noises' units", "covariance of the process noise, per sample")
+_R = (("output", "output_"), "product of the outputs' units", "covariance of the measurement noise")
+_M0 = (("test", "state"), "see state_unit", "mean of the first state of each test")
+_P0 = (("state", "state_"), "product of the states' units", "covariance of the first state")
+_VALUES = {"Q": _Q, "R": _R, "m0": _M0, "P0": _P0}
+_TRACE = {
+    "loglik": "log-likelihood",
+    "change": "relative size of the step",
+    "extrapolated": "1 where the point came from the acceleration",
+    "accepted": "0 where the point was rejected",
+}
+_EVALUATION: dict[str, tuple[tuple[str, ...], str]] = {
+    "loglik": ((), "log-likelihood"),
+    "observed": ((), "number of scalar measurements used"),
+    "nis": ((), "mean normalised innovation squared per scalar measurement; 1 if consistent"),
+    "nis_output": (("output",), "mean squared normalised innovation per output; 1 if consistent"),
+    "autocorrelation": (("lag", "output"), "autocorrelation of the normalised innovations"),
+    "ljung_box": (("output",), "p-value of the Ljung-Box test of whiteness"),
+    "kurtosis": (("output",), "excess kurtosis of the normalised innovations"),
+    "path_error": (("sample",), "distance between estimated and true performance output"),
+    "path_error_norm": ((), "2-norm over time of the path error; NaN where no truth is known"),
+    "nis_time": (("sample",), "normalised innovation squared per measurement"),
+}
+_PATH = "the performance output's unit"
+_SETTINGS = (
+    "unit", "dataset", "method_label", "method", "status", "reason", "start_index", "start_scale", "replicate", "seed"
+)  # fmt: skip
+_OWN = ("settings", "safeguards", "created_by")
+_TAKEN = frozenset({"format", "format_version", *_SETTINGS, *_OWN})
+
+
+def write_result(path: Path, result: UnitResult, attributes: dict[str, str]) -> None:
+    """Write ``result`` to ``path``, complete or not at all.
+
+    Args:
+        path: the file; what stood there is replaced.
+        result: the unit's result.
+        attributes: texts to keep with it, such as the unit's key, the resolved config and the provenance.
+
+    Raises:
+        DataError: the result's arrays contradict its names, or the file cannot be written.
+    """
+
+    def fill(file: h5py.File) -> None:
+        estimate = result.estimate
+        own = {name: getattr(result, name, None) for name in _SETTINGS}
+        own |= {"method": estimate.method, "status": estimate.status, "reason": estimate.reason}
+        own["seed"] = str(result.seed)  # a seed may be longer than any HDF5 integer
+        own |= {
+            "settings": json.dumps(estimate.settings, ensure_ascii=False),
+            "safeguards": json.dumps(estimate.safeguards, ensure_ascii=False),
+            "created_by": f"noiseid {__version__}",
+        }
+        hdf5.set_attributes(file, own)
+        hdf5.set_attributes(file, attributes, _TAKEN)
+        _fill_dimensions(file, result)
+        _fill_estimate(file, result)
+        evaluations = file.create_group("evaluation", track_order=True)
+        for label, evaluation in result.evaluations.items():
+            _fill_evaluation(evaluations, label, evaluation)
+
+    publish(path, hdf5.build(FORMAT, VERSION, fill))
+
+
+def read_result(path: Path) -> UnitResult:
+    """Read a result file, bit for bit what was written.
+
+    Raises:
+        DataError: the file is missing, damaged, of another kind or too new.
+    """
+    with hdf5.opened(path, FORMAT, VERSION, MIGRATIONS) as file:
+        return _result(file)
+
+
+def read_result_attributes(path: Path) -> dict[str, str]:
+    """Read the texts kept with a result: those given to ``write_result`` and the format's own.
+
+    Raises:
+        DataError: as for ``read_result``.
+    """
+    with hdf5.opened(path, FORMAT, VERSION, MIGRATIONS) as file:
+        return hdf5.text_attributes(file)
+
+
+def _fill_dimensions(file: h5py.File, result: UnitResult) -> None:
+    add_labels(file, "test", result.test_names, "test")
+    for name, columns, long_name in (
+        ("noise", result.noise_names, "process noise"),
+        ("output", result.output_names, "measured output"),
+        ("state", result.state_names, "state"),
+    ):
+        add_columns(file, name, columns, long_name)
+        # A variable may have a dimension only once, so a covariance has a second one of the same names.
+        add_labels(file, f"{name}_", [column[0] for column in columns], f"{long_name}, again")
+
+
+def _fill_estimate(file: h5py.File, result: UnitResult) -> None:
+    estimate = result.estimate
+    put(file, "loglik_start", estimate.loglik_start, long_name="log-likelihood at the start")
+    put(file, "loglik", estimate.loglik, long_name="log-likelihood of the estimate")
+    put(file, "passes", estimate.passes, long_name="passes over the data")
+    put(file, "estimation_seconds", estimate.seconds, units="s", long_name="wall-clock time of the estimation")
+    put(file, "unit_seconds", result.seconds, units="s", long_name="wall-clock time of the unit")
+    for name, values in (("start", estimate.start), ("final", estimate.final)):
+        group = file.create_group(name)
+        for letter, (dims, units, long_name) in _VALUES.items():
+            put(group, letter, getattr(values, letter), dims, units, long_name)
+    truth = file.create_group("truth")
+    for letter, true in (("Q", result.Q_true), ("R", result.R_true)):
+        if true is not None:
+            put(truth, letter, true, *_VALUES[letter])
+    _fill_trace(file.create_group("trace", track_order=True), estimate.trace)
+
+
+def _fill_trace(group: h5py.Group, trace: dict[str, Array]) -> None:
+    """Write the history; what has no known dimensions gets axes of its own."""
+    passes = len(trace["loglik"]) if "loglik" in trace else 0
+    add_index(group, "pass", passes, "pass over the data", first=1)
+    group.attrs["shapes"] = json.dumps({name: np.shape(array) for name, array in trace.items()})
+    for name, array in trace.items():
+        shape = np.shape(array)
+        tail, units, long_name = _VALUES.get(name, ((), "1", _TRACE.get(name, name)))
+        dims = ["pass", *tail]
+        if len(shape) != len(dims) or shape[0] != passes:
+            dims = [f"{name}_axis_{k}" for k in range(len(shape))]
+            for dim, length in zip(dims, shape, strict=True):
+                if 0 not in shape:
+                    add_index(group, dim, length, f"axis of {name}")
+        put(group, name, array, dims, units, long_name)
+
+
+def _fill_evaluation(parent: h5py.Group, label: str, evaluation: Evaluation) -> None:
+    if not label.isidentifier():
+        raise DataError(f"An evaluation cannot be labelled {label!r}: a label is letters, digits and underscores.")
+    group = parent.create_group(label)
+    group.attrs["label"] = evaluation.label
+    add_index(group, "lag", len(evaluation.autocorrelation), "lag in samples", first=1)
+    add_index(group, "sample", len(evaluation.nis_time), "number of the sample, all tests one after the other")
+    group.attrs["path_known"] = int(evaluation.path_error is not None)
+    for name, (dims, long_name) in _EVALUATION.items():
+        values = getattr(evaluation, name)
+        if values is not None:
+            put(group, name, values, dims, _PATH if name.startswith("path") else "1", long_name)
+
+
+def _result(file: h5py.File) -> UnitResult:
+    names = {name: columns_of(file, name) for name in ("noise", "output", "state")}
+    tests = labels_of(file, "test")
+    sizes = {"test": len(tests)} | {name: len(columns) for name, columns in names.items()}
+    text = {name: str(file.attrs[name]) for name in ("unit", "dataset", "method_label")}
+    truth = file["truth"]
+    return UnitResult(
+        **text,
+        start_index=int(file.attrs["start_index"]),
+        start_scale=float(file.attrs["start_scale"]),
+        replicate=int(file.attrs["replicate"]),
+        estimate=_estimate(file, sizes),
+        evaluations={label: _evaluation(group, sizes) for label, group in file["evaluation"].items()},
+        noise_names=names["noise"],
+        output_names=names["output"],
+        state_names=names["state"],
+        test_names=tests,
+        Q_true=truth["Q"][()] if "Q" in truth else None,
+        R_true=truth["R"][()] if "R" in truth else None,
+        seconds=float(file["unit_seconds"][()]),
+        seed=int(file.attrs["seed"]),
+    )
+
+
+def _estimate(file: h5py.File, sizes: dict[str, int]) -> Estimate:
+    shapes = json.loads(file["trace"].attrs["shapes"])
+    return Estimate(
+        method=str(file.attrs["method"]),
+        status=str(file.attrs["status"]),  # type: ignore[arg-type]
+        reason=str(file.attrs["reason"]),
+        start=_values(file["start"], sizes),
+        final=_values(file["final"], sizes),
+        loglik_start=float(file["loglik_start"][()]),
+        loglik=float(file["loglik"][()]),
+        passes=int(file["passes"][()]),
+        seconds=float(file["estimation_seconds"][()]),
+        trace={name: _array(file["trace"], name, tuple(shape)) for name, shape in shapes.items()},
+        safeguards=tuple(json.loads(file.attrs["safeguards"])),
+        settings=json.loads(file.attrs["settings"]),
+    )
+
+
+def _values(group: h5py.Group, sizes: dict[str, int]) -> NoiseValues:
+    shapes = {name: tuple(sizes[dim.rstrip("_")] for dim in dims) for name, (dims, _, _) in _VALUES.items()}
+    return NoiseValues(**{name: _array(group, name, shape) for name, shape in shapes.items()})
+
+
+def _evaluation(group: h5py.Group, sizes: dict[str, int]) -> Evaluation:
+    here = sizes | {dim: len(group[dim]) if dim in group else 0 for dim in ("lag", "sample")}
+    arrays = {
+        name: _array(group, name, tuple(here[dim] for dim in dims)) for name, (dims, _) in _EVALUATION.items() if dims
+        and (name != "path_error" or group.attrs["path_known"])
+    }  # fmt: skip
+    return Evaluation(
+        label=str(group.attrs["label"]),
+        loglik=float(group["loglik"][()]),
+        observed=int(group["observed"][()]),
+        nis=float(group["nis"][()]),
+        path_error_norm=float(group["path_error_norm"][()]),
+        **({"path_error": None} | arrays),  # type: ignore[arg-type]
+    )
+
+
+def _array(group: h5py.Group, name: str, shape: tuple[int, ...]) -> Array:
+    """A variable as f8; one without entries was left out of the file."""
+    if 0 in shape:
+        return np.zeros(shape)
+    return np.asarray(group[name][()], dtype=np.float64)
