@@ -60,7 +60,7 @@ class EmOptions(MethodOptions):
         description="what must be still to stop; loglik with tolerance 0 is the published rule",
     )
     fall_tolerance: NotNegative = Field(
-        default=0.0, description="fall of the log-likelihood that the acceleration still accepts, nats"
+        default=1e-3, description="fall of the log-likelihood that the acceleration still accepts, nats"
     )
 
 

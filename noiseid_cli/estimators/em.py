@@ -24,6 +24,8 @@ from noiseid_cli.models.recording import Array, Recording
 
 # A fall below this share of the log-likelihood is rounding of its sum, not a fall.
 ROUNDING = 1e-12
+# First bound on the length of a jump, and the factor by which the bound moves (as in the authors' package).
+GROWTH = 4.0
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,7 @@ class EmOptions:
     loglik_tolerance: float = 1e-3
     parameter_tolerance: float = 1e-5
     stop: Literal["both", "loglik", "parameters"] = "both"
-    fall_tolerance: float = 0.0
+    fall_tolerance: float = 1e-3
 
 
 @dataclass
@@ -76,6 +78,7 @@ class _Run:
     falls: list[float] = field(default_factory=list)
     divergences: list[str] = field(default_factory=list)
     singular: int = 0
+    longest: float = GROWTH
 
     def visit(self, noise: NoiseValues, extrapolated: bool = False) -> _Point:
         """One pass: log-likelihood at ``noise`` and the EM step from there."""
@@ -97,16 +100,29 @@ class _Run:
         return point
 
     def try_jump(self, first: _Point, second: _Point) -> _Point | None:
-        """Extrapolate through two EM steps; None where the log-likelihood falls or the filter fails."""
+        """Extrapolate through two EM steps; None where the log-likelihood falls or the filter fails.
+
+        The step length is bounded; the bound grows when it is reached with success, and shrinks at a rejection.
+        """
         z0, z1, z2 = (self.unknowns.pack(n) for n in (first.noise, second.noise, second.after))
         r, v = z1 - z0, z2 - 2.0 * z1 + z0
         curvature = float(np.linalg.norm(v))
-        if curvature == 0.0:
+        wanted = float(np.linalg.norm(r)) / curvature if curvature > 0.0 else 0.0
+        length = min(wanted, self.longest)
+        if length <= 1.0:
+            # A length of 1 is the second EM step itself, which never needs a check.
+            self.longest = max(self.longest, GROWTH)
             return None
-        alpha = -float(np.linalg.norm(r)) / curvature
-        if alpha >= -1.0:
-            return None
-        candidate = self.unknowns.unpack(z0 - 2.0 * alpha * r + alpha * alpha * v, first.noise)
+        candidate = self.unknowns.unpack(z0 + 2.0 * length * r + length * length * v, first.noise)
+        point = self._try(candidate, second.loglik)
+        if point is None:
+            self.longest = max(1.0, length / GROWTH)
+        elif length == self.longest:
+            self.longest *= GROWTH
+        return point
+
+    def _try(self, candidate: NoiseValues, least: float) -> _Point | None:
+        """The point at ``candidate`` if it is usable and its log-likelihood not below ``least``."""
         if not _usable(candidate):
             return None
         try:
@@ -114,7 +130,7 @@ class _Run:
         except FilterDivergedError as error:
             self.divergences.append(str(error))
             return None
-        if point.loglik < second.loglik - self.options.fall_tolerance:
+        if point.loglik < least - self.options.fall_tolerance:
             self.accepted[-1] = False
             return None
         return point

@@ -164,6 +164,8 @@ def _process_smoothed(scheme, drift_jacobian, p, dt, u, m, U, gain, C, U_v):  # 
     """
     N, n = m.shape
     nv = U_v.shape[0]
+    if nv > n:
+        return 0
     rows = C.shape[1]
     total_rows = rows + n + 1
     x_next = np.empty(n)

@@ -2,18 +2,41 @@
 
 from __future__ import annotations
 
-from noiseid_cli.report.agreement import start_groups, starts_table
-from noiseid_cli.report.build import MANY, before_after_table, std_summary_table, std_table, summary_table
+from dataclasses import replace
+
+import numpy as np
+
+from noiseid_cli.report.agreement import consistency_table, start_groups, starts_table
+from noiseid_cli.report.build import (
+    MANY,
+    before_after_table,
+    ending_table,
+    std_summary_table,
+    std_table,
+    summary_table,
+)
 from noiseid_cli.report.study import Study
 from noiseid_cli.report.tables import Table
 
 
 def terminal_tables(study: Study) -> list[Table]:
-    """Before and after, the standard deviations, and the agreement of the starts where there are several."""
+    """How the units ended, before and after, the standard deviations, and the agreement of several starts.
+
+    R is shown where it was estimated, and the innovations per output where no truth is known to compare with.
+    """
     if not study.results:
         return []
     many = len(study.results) > MANY
-    tables = [summary_table(study)] if many else []
-    tables.append(before_after_table(study))
-    tables.append(std_summary_table(study, "Q") if many else std_table(study, "Q"))
+    std = std_summary_table if many else std_table
+    tables = [summary_table(study) if many else _without_reasons(ending_table(study)), before_after_table(study)]
+    tables.append(std(study, "Q"))
+    if any(not np.array_equal(r.estimate.start.R, r.estimate.final.R) for r in study.results):
+        tables.append(std(study, "R"))
+    if not many and all(r.Q_true is None for r in study.results):
+        tables.append(consistency_table(study))
     return [*tables, starts_table(study)] if start_groups(study) else tables
+
+
+def _without_reasons(table: Table) -> Table:
+    """The endings without their last column, the sentences, which a terminal has no room for."""
+    return replace(table, columns=table.columns[:-1], rows=tuple(row[:-1] for row in table.rows))

@@ -109,7 +109,7 @@ def test_change_of_units_changes_the_answer_accordingly_and_nothing_else():
     """Outputs in milli-units, noise in kilo-units: same passes, transformed estimate."""
     case = random_case(21, 2, 2, 2, lengths=(300,), missing=0.1)
     start = started(case, 4)
-    options = EmOptions(max_passes=60)
+    options = EmOptions(max_passes=25)
     a = em.estimate(case.model, case.recordings, start, full_unknowns(start), options)
     y, v = np.diag([1e3, 1e-2]), np.diag([1e-3, 1e4])
     model = linear_model(case.A, case.G @ np.linalg.inv(v), y @ case.C, case.B, y @ case.D)

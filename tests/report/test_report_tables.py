@@ -236,9 +236,12 @@ def test_many_units_get_means_and_a_few_examples(many):
 
 
 def test_terminal_tables_of_few_and_of_none(simulated):
-    assert [t.name for t in terminal_tables(simulated)] == ["before-after", "std-process-noise", "starts"]
+    first = ["endings", "before-after", "std-process-noise"]
+    assert [t.name for t in terminal_tables(simulated)] == [*first, "starts"]
+    assert [c.heading for c in terminal_tables(simulated)[0].columns] == ["Unit", "Start", "Status", "Passes", "Time"]
+    # Nothing is known of the truth there, and R was estimated.
     single = report_cases.measured(samples=60)
-    assert [t.name for t in terminal_tables(single)] == ["before-after", "std-process-noise"]
+    assert [t.name for t in terminal_tables(single)] == [*first, "std-measurement-noise", "consistency"]
     assert terminal_tables(report_cases.study([])) == []
 
 
