@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import os
+import sys
 from typing import Annotated
 
 # One BLAS thread: the matrices are small, and the bits must not depend on the number of cores.
@@ -27,6 +29,7 @@ from noiseid_cli.commands import (  # noqa: E402
     schema,
     simulate,
 )
+from noiseid_cli.commands.console import stop_on_signals  # noqa: E402
 
 app = typer.Typer(
     name="noiseid",
@@ -45,12 +48,12 @@ app.command()(estimate.estimate)
 app.command()(report.report)
 app.command()(check.check)
 app.command()(init.init)
-app.add_typer(models.app, name="models")
-app.command()(methods.methods)
 app.command()(inspect.inspect)
-app.command()(schema.schema)
+app.command()(methods.methods)
 app.command()(cite.cite)
 app.command()(env.env)
+app.command()(schema.schema)
+app.add_typer(models.app, name="models")
 
 
 def _version(wanted: bool) -> None:
@@ -70,4 +73,7 @@ def _root(
 
 def main() -> None:
     """Entry point of the `noiseid` command."""
+    stop_on_signals()
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")  # a terminal that lacks a letter shows a question mark
     app()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from noiseid_cli.diagnostics.evaluation import Evaluation
 from noiseid_cli.estimators.estimate import Estimate
@@ -21,7 +21,7 @@ class UnitResult:
         dataset: name of the dataset.
         method_label: label of the method in the experiment; ``estimate.method`` is its registered name.
         start_index: number of the start, from 0.
-        start_scale: factor on the start covariance of the process noise.
+        start_label: what the start was, such as ``× 0.01`` or ``drawn 3``.
         replicate: number of the dataset's replicate, from 0.
         estimate: the end of the estimator's run.
         evaluations: filter against data, keyed ``start``, ``estimate`` and, where known, ``truth``.
@@ -31,13 +31,15 @@ class UnitResult:
         R_true: (ny, ny) covariance of the measurement noise, where known.
         seconds: wall-clock time of the unit.
         seed: seed of the experiment.
+        held_out: the same filters against tests that no method has seen, with the same keys; empty without such tests.
+        held_out_tests: number of those tests.
     """
 
     unit: str
     dataset: str
     method_label: str
     start_index: int
-    start_scale: float
+    start_label: str
     replicate: int
     estimate: Estimate
     evaluations: dict[str, Evaluation]
@@ -49,3 +51,5 @@ class UnitResult:
     R_true: Array | None
     seconds: float
     seed: int
+    held_out: dict[str, Evaluation] = field(default_factory=dict)
+    held_out_tests: int = 0

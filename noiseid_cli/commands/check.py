@@ -2,34 +2,46 @@
 
 from __future__ import annotations
 
-from noiseid_cli.commands.console import answer, answer_json, guarded
-from noiseid_cli.commands.options import RUNS, Config, Json, Out, Quiet, Seed, Set
+from noiseid_cli.commands.console import answer, answer_json, guarded, width
+from noiseid_cli.commands.options import RUNS, Config, Json, Method, Out, Quiet, Seed, Set
+from noiseid_cli.commands.text import facts
+from noiseid_cli.pipeline.wording import counted
 
 
 @guarded
 def check(
     config: Config = None,
+    method: Method = None,
     overrides: Set = None,
     seed: Seed = None,
     out: Out = RUNS,
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
-    """Check an experiment file and its model without running anything; every mistake with its place."""
-    from noiseid_cli.commands.stages import open_session
-    from noiseid_cli.pipeline.units import dataset_units, estimate_units
+    """Find every mistake in an experiment.
 
-    session = open_session(config, out, overrides, seed, quiet=quiet)
-    context = session.context
-    context.model.equations()
-    datasets = dataset_units(context)
-    results = estimate_units(context) if context.experiment.estimate else []
+    Reads the experiment file and its model, and runs nothing. Each mistake is told with its line and column.
+    With --json, the settings with every default filled in.
+    """
+    from noiseid_cli.commands.stages import open_session
+    from noiseid_cli.config.load import builtin_experiment
+    from noiseid_cli.pipeline.units import data_stage, dataset_units, estimate_units
+
+    context = open_session(config, out, overrides, seed, quiet=quiet).context
+    model = context.model
+    model.equations()
+    stages = {data_stage(context): [unit.done for unit in dataset_units(context)]}
+    if context.experiment.estimate or method:
+        stages["estimate"] = [unit.done for unit in estimate_units(context, method)]
     if json:
         answer_json(context.loaded.resolved())
         return
-    there = sum(u.done for u in datasets), sum(u.done for u in results)
-    answer(f"{context.loaded.file}: right")
-    answer(f"  model     {context.model.name}")
-    answer(f"  datasets  {len(datasets)}, {there[0]} there already")
-    answer(f"  results   {len(results)}, {there[1]} there already")
-    answer(f"  folder    {context.folder}")
+    builtin = context.loaded.file == builtin_experiment()
+    answer(f"{'the built-in experiment' if builtin else context.loaded.file}: no mistakes found")
+    sizes = ((model.states, "state"), (model.inputs, "input"), (model.noises, "noise"), (model.outputs, "output"))
+    pairs = [("model", f"{model.name}: {', '.join(counted(len(group), word) for group, word in sizes)}")]
+    for stage, done in stages.items():
+        pairs.append((stage, f"{counted(len(done), 'unit')}, {sum(done)} there already"))
+    pairs.append(("folder", str(context.folder)))
+    for line in facts(pairs, width(), "  "):
+        answer(line)

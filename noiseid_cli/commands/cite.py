@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-import textwrap
-
 from noiseid_cli.commands.console import answer, answer_json, guarded, width
-from noiseid_cli.commands.options import RUNS, Config, Json, Quiet, Set
+from noiseid_cli.commands.options import RUNS, Config, Json, Method, Quiet, Set
+from noiseid_cli.commands.text import filled
 
 
 @guarded
-def cite(config: Config = None, overrides: Set = None, quiet: Quiet = False, json: Json = False) -> None:
-    """Print what to cite for the methods and the model that an experiment uses."""
+def cite(
+    config: Config = None, method: Method = None, overrides: Set = None, quiet: Quiet = False, json: Json = False
+) -> None:
+    """Print what to cite for an experiment.
+
+    These are the works behind its methods and its model.
+    """
     from noiseid_cli.commands.stages import open_session
     from noiseid_cli.pipeline.reporting import citations
 
-    context = open_session(config, RUNS, overrides, None, quiet=quiet).context
-    papers = citations(context)
+    papers = citations(open_session(config, RUNS, overrides, None, quiet=quiet).context, method)
     if json:
         answer_json(papers)
         return
     for paper in papers:
-        answer(textwrap.fill(paper, width(), initial_indent="- ", subsequent_indent="  "))
+        answer(filled(paper, width(), "- ", "  "))

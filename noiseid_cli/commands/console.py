@@ -6,7 +6,10 @@ import functools
 import json
 import os
 import shutil
+import signal
 import sys
+import tempfile
+import time
 import traceback
 from collections.abc import Callable
 from pathlib import Path
@@ -14,11 +17,16 @@ from typing import Any, TypeVar
 
 import typer
 
-from noiseid_cli.errors import NoiseidError
+from noiseid_cli.commands.text import wrapped
+from noiseid_cli.errors import ConfigError, NoiseidError
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-BUG, UNFINISHED, INTERRUPTED = 1, 4, 130
+BUG, FAULTY, UNFINISHED, SIGNALLED = 1, 3, 4, 128
+
+
+class Stopped(KeyboardInterrupt):
+    """The process was asked to end; the argument is the signal."""
 
 
 def answer(text: str) -> None:
@@ -32,13 +40,23 @@ def answer_json(data: Any) -> None:
 
 
 def say(text: str) -> None:
-    """Print talk on stderr."""
-    typer.echo(text, err=True)
+    """Print talk on stderr; on a terminal wrapped at its width."""
+    typer.echo(wrapped(text, width(sys.stderr)) if sys.stderr.isatty() else text, err=True)
 
 
-def width() -> int:
-    """Columns of the terminal; 100 where there is none."""
-    return shutil.get_terminal_size((100, 24)).columns
+def complain(text: str) -> None:
+    """Print what went wrong on stderr."""
+    say(f"noiseid: {text}")
+
+
+def width(stream: Any = None) -> int:
+    """Columns of the terminal that a stream (default: stdout) goes to; 100 where it goes to none."""
+    if "COLUMNS" in os.environ:
+        return shutil.get_terminal_size((100, 24)).columns
+    try:
+        return os.get_terminal_size((stream or sys.stdout).fileno()).columns or 100
+    except (OSError, ValueError):
+        return 100
 
 
 def guarded(command: F) -> F:
@@ -48,37 +66,60 @@ def guarded(command: F) -> F:
     def wrapper(*args: Any, **kwargs: Any) -> Any:
         try:
             return command(*args, **kwargs)
-        except NoiseidError as error:
-            for line in str(error).splitlines():
-                say(line if line.startswith(" ") else f"noiseid: {line}")
+        except ConfigError as error:
+            # Bare, so that an editor finds `file:line:column:` at the beginning of a line.
+            say(str(error))
+            mistakes = f"{len(error.problems)} mistakes" if len(error.problems) > 1 else "a mistake"
+            complain(f"{mistakes} in {error.file}; nothing was done")
             raise typer.Exit(error.exit_code) from None
-        except KeyboardInterrupt:
-            say("noiseid: interrupted; what is finished is kept. The same command goes on from there.")
-            raise typer.Exit(INTERRUPTED) from None
+        except NoiseidError as error:
+            complain(str(error))
+            raise typer.Exit(error.exit_code) from None
+        except KeyboardInterrupt as stop:
+            number = stop.args[0] if isinstance(stop, Stopped) else signal.SIGINT
+            word = "interrupted" if number == signal.SIGINT else f"stopped by {signal.Signals(number).name}"
+            complain(f"{word}; what is finished is kept, and the same command goes on from there")
+            raise typer.Exit(SIGNALLED + number) from None
         except BrokenPipeError:
             # The reader of our output has gone (as in `noiseid models | head`): nothing is left to say.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             raise typer.Exit(0) from None
         except (typer.Exit, typer.Abort, typer.BadParameter):
             raise
-        except Exception:  # whatever else is raised is a bug of ours
-            say(f"noiseid: internal error: {_last_line()}; please report it with {_log()}")
+        except Exception as error:  # whatever else is raised is a bug of ours
+            log = _log()
+            complain(f"internal error: {_last_line(error)}; please report it with {log}")
             raise typer.Exit(BUG) from None
 
     return wrapper  # type: ignore[return-value]
 
 
-def _last_line() -> str:
-    return traceback.format_exc().strip().splitlines()[-1]
+def stop_on_signals() -> None:
+    """End as on Ctrl-C, with workers ended and the terminal put right, when asked to by a signal."""
+
+    def stop(number: int, _: Any) -> None:
+        raise Stopped(number)
+
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, stop)
+
+
+def _last_line(error: Exception) -> str:
+    return "".join(traceback.format_exception(error)).strip().splitlines()[-1]
 
 
 def _log() -> Path:
     """Write the traceback to a file of its own and give its path."""
     from platformdirs import user_log_path
 
-    folder = user_log_path("noiseid", ensure_exists=True)
-    path = folder / f"error-{os.getpid()}.log"
-    path.write_text(f"{' '.join(sys.argv)}\n\n{traceback.format_exc()}")
+    name = f"error-{time.strftime('%Y%m%d-%H%M%S')}-{os.getpid()}.log"
+    text = f"{' '.join(sys.argv)}\n\n{traceback.format_exc()}"
+    try:
+        path = user_log_path("noiseid", ensure_exists=True) / name
+        path.write_text(text, encoding="utf-8")
+    except OSError:  # a read-only home must not hide the bug
+        path = Path(tempfile.gettempdir()) / f"noiseid-{name}"
+        path.write_text(text, encoding="utf-8")
     return path
 
 

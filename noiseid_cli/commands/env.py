@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from noiseid_cli.commands.console import answer, answer_json, guarded
+from noiseid_cli.commands.console import answer, answer_json, guarded, width
 from noiseid_cli.commands.options import Json
+from noiseid_cli.commands.text import facts
 
 
 @guarded
@@ -12,9 +13,9 @@ def env(json: Json = False) -> None:
     from noiseid_cli.models.compile import cache_folder
     from noiseid_cli.storage.provenance import provenance
 
-    facts = {**provenance(), "model cache": str(cache_folder())}
+    found = {**provenance(), "model cache": str(cache_folder())}
     if json:
-        answer_json(facts)
+        answer_json(found)
         return
-    for name, value in facts.items():
-        answer(f"{name:12} {value}")
+    for line in facts(list(found.items()), width()):
+        answer(line)

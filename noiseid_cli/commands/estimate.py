@@ -20,14 +20,15 @@ def estimate(
     verbose: Verbose = False,
     json: Json = False,
 ) -> None:
-    """Run the methods on the datasets that are there."""
+    """Run the methods on the datasets.
+
+    The datasets must be there: `noiseid simulate` or `noiseid import` makes them, with the same settings.
+    """
     from noiseid_cli.commands.stages import open_session
-    from noiseid_cli.pipeline.units import estimate_units, require_datasets
+    from noiseid_cli.pipeline.reporting import show_results
 
     session = open_session(
         config, out, overrides, seed, jobs=jobs, force=force, dry_run=dry_run, quiet=quiet, verbose=verbose, json=json
     )
-    units = estimate_units(session.context, method)
-    if not dry_run:
-        require_datasets(session.context, units)
-    session.finish(session.run("estimate", units), "results")
+    session.estimate(method)
+    session.finish(None if dry_run else show_results(session.context, method))

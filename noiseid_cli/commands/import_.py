@@ -19,7 +19,7 @@ def import_(
     verbose: Verbose = False,
     json: Json = False,
 ) -> None:
-    """Import the experiment's recordings, each fault named by its row."""
+    """Import recordings, each fault named by its row."""
     from noiseid_cli.commands.stages import open_session
     from noiseid_cli.errors import DataError
     from noiseid_cli.pipeline.units import dataset_units
@@ -29,4 +29,5 @@ def import_(
     )
     if session.context.experiment.import_ is None:
         raise DataError("the experiment has no `import` section, it simulates its data: run `noiseid simulate`")
-    session.finish(session.run("import", dataset_units(session.context)), "datasets")
+    session.run("import", dataset_units(session.context))
+    session.finish()

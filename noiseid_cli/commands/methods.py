@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import textwrap
-
 from noiseid_cli.commands.console import answer, answer_json, guarded, width
 from noiseid_cli.commands.options import Json
+from noiseid_cli.commands.text import facts, filled
 
 
 @guarded
 def methods(json: Json = False) -> None:
-    """List the estimation methods: what each can estimate, its options, its source."""
+    """List the methods: what each estimates, its options, its source."""
     from noiseid_cli.config.methods import METHOD_OPTIONS
 
     table = {
@@ -29,12 +28,17 @@ def methods(json: Json = False) -> None:
     if json:
         answer_json(table)
         return
-    for options_class in METHOD_OPTIONS.values():
-        name = options_class.model_fields["method"].default
-        answer(f"{name}: {options_class.summary}")
-        answer(f"  estimates  {options_class.estimates}")
-        for field, info in options_class.model_fields.items():
-            if field != "method":
-                text = f"{field} = {info.default}: {info.description}"
-                answer(textwrap.fill(text, width(), initial_indent="  ", subsequent_indent="      "))
-        answer(textwrap.fill(f"source: {options_class.citation}", width(), initial_indent="  ", subsequent_indent="  "))
+    for number, (name, options) in enumerate(METHOD_OPTIONS.items()):
+        answer(filled(f"{name}: {options.summary}", width(), "" if number == 0 else "\n", "  "))
+        pairs = [("estimates", options.estimates), ("options", "")]
+        pairs += [
+            (f"  {field}", f"{info.description} (default {_short(info.default)})")
+            for field, info in options.model_fields.items()
+            if field != "method"
+        ]
+        for line in facts([*pairs, ("source", options.citation)], width(), "  "):
+            answer(line)
+
+
+def _short(default: object) -> str:
+    return f"{default:g}" if isinstance(default, float) else str(default)

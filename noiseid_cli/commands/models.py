@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import textwrap
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,11 +10,21 @@ import typer
 
 from noiseid_cli.commands.console import answer, answer_json, guarded, width
 from noiseid_cli.commands.options import Json
+from noiseid_cli.commands.text import equation, facts, filled
+from noiseid_cli.commands.text import table as table_lines
 
 if TYPE_CHECKING:
     from noiseid_cli.models.describe import Description
+    from noiseid_cli.models.equations import Model
 
-app = typer.Typer(help="List the models that come with noiseid, or show one.", invoke_without_command=True)
+_KINDS = {
+    "definition": "definitions",
+    "dynamics": "dynamics",
+    "output": "output equations",
+    "performance": "performance equations",
+}
+
+app = typer.Typer(help="List the models, or show one.", invoke_without_command=True)
 
 
 @app.callback()
@@ -26,69 +36,77 @@ def list_models(ctx: typer.Context, json: Json = False) -> None:
     from noiseid_cli.models.describe import describe
     from noiseid_cli.models.registry import load_model, model_names
 
-    found = {name: describe(load_model(name)) for name in model_names()}
+    found = {name: describe(load_model(name)).summary.splitlines()[0] for name in model_names()}
     if json:
-        answer_json({name: d.summary for name, d in found.items()})
+        answer_json(found)
         return
-    for name, description in found.items():
-        answer(textwrap.fill(f"{name}: {description.summary.splitlines()[0]}", width(), subsequent_indent="  "))
-    answer("`noiseid models show NAME` shows equations and parameters.")
+    for line in facts(list(found.items()), width()):
+        answer(line)
+    answer("\n`noiseid models show NAME` shows the equations and the parameters of one.")
 
 
 @app.command("show")
 @guarded
 def show(
-    name: Annotated[str, typer.Argument(help="Name of a model, or FILE.py:CLASS for one of your own.")],
+    name: Annotated[str, typer.Argument(metavar="NAME", help="A model, or FILE.py:CLASS for one of your own.")],
     latex: Annotated[bool, typer.Option("--latex", help="The equations in LaTeX.")] = False,
     json: Json = False,
 ) -> None:
-    """Show the equations of a model and its parameters with units and sources."""
+    """Show a model's equations, and its parameters with units and sources."""
     from noiseid_cli.models.describe import describe
+
+    description = describe(_load(name))
+    if json:
+        answer_json(_as_data(description))
+        return
+    for line in _latex(description) if latex else _text(description, width()):
+        answer(line)
+
+
+def _load(name: str) -> Model:
+    """A model that comes with noiseid, or one of the user's own file."""
+    from noiseid_cli.errors import ModelError
     from noiseid_cli.models.registry import load_model, load_model_file
 
     file, _, class_name = name.rpartition(":")
-    model = load_model_file(Path(file), class_name) if file.endswith(".py") else load_model(name)
-    description = describe(model)
-    if json:
-        answer_json(
-            {
-                "name": description.name,
-                "summary": description.summary,
-                "citation": description.citation,
-                "sample_time": description.sample_time,
-                "discretisation": description.discretisation,
-                "equations": [{"name": e.name, "kind": e.kind, "text": e.text} for e in description.equations],
-                "tables": {
-                    t.title: [dict(zip(t.headings, row, strict=True)) for row in t.rows] for t in description.tables
-                },
-            }
-        )
-    elif latex:
-        answer("\\begin{align*}")
-        answer(" \\\\\n".join(e.latex.replace(" = ", " &= ", 1) for e in description.equations))
-        answer("\\end{align*}")
-    else:
-        _show(description)
+    if name.endswith(".py"):
+        raise ModelError(f"{name} may hold several models: name the class too, as {name}:CLASS")
+    return load_model_file(Path(file), class_name) if file.endswith(".py") else load_model(name)
 
 
-def _show(d: Description) -> None:
-    columns = width()
-    answer(f"{d.name}: {textwrap.fill(d.summary.splitlines()[0], columns, initial_indent='').lstrip()}")
-    for paragraph in d.summary.split("\n\n")[1:]:
-        answer("\n" + textwrap.fill(paragraph, columns))
-    answer(f"\nsample time {d.sample_time:g} s, discretisation {d.discretisation}")
+def _as_data(d: Description) -> dict[str, object]:
+    return {
+        "name": d.name,
+        "summary": d.summary,
+        "citation": d.citation,
+        "sample_time": d.sample_time,
+        "discretisation": d.discretisation,
+        "equations": [{"name": e.name, "kind": e.kind, "text": e.text, "latex": e.latex} for e in d.equations],
+        "tables": {t.title: [dict(zip(t.headings, row, strict=True)) for row in t.rows] for t in d.tables},
+    }
+
+
+def _latex(d: Description) -> Iterator[str]:
+    """One align environment, for a document that uses the package amsmath."""
+    yield r"\begin{align*}"
+    yield " \\\\\n".join("  " + e.latex.replace(" = ", " &= ", 1) for e in d.equations)
+    yield r"\end{align*}"
+
+
+def _text(d: Description, columns: int) -> Iterator[str]:
+    first, *others = d.summary.split("\n\n")
+    yield filled(f"{d.name}: {first}", columns)
+    for paragraph in others:
+        yield "\n" + filled(paragraph, columns)
+    yield f"\nsample time {d.sample_time:g} s, discretisation {d.discretisation}"
     kind = ""
     for e in d.equations:
         if e.kind != kind:
             kind = e.kind
-            answer(f"\n{kind}")
-        answer(textwrap.fill(e.text, columns, initial_indent="  ", subsequent_indent="      ", break_long_words=False))
+            yield f"\n{_KINDS[kind]}"
+        yield from equation(e.text, columns)
     for table in d.tables:
-        answer(f"\n{table.title}")
-        sizes = [max(len(row[i]) for row in (table.headings, *table.rows)) for i in range(len(table.headings))]
-        for row in (table.headings, *table.rows):
-            text = "  ".join(cell.ljust(size) for cell, size in zip(row, sizes, strict=True)).rstrip()
-            answer(textwrap.fill(text, columns, initial_indent="  ", subsequent_indent=" " * 8, drop_whitespace=True)
-                   if len(text) > columns - 2 else f"  {text}")  # fmt: skip
+        yield f"\n{table.title}"
+        yield from table_lines(table.headings, table.rows, columns)
     if d.citation:
-        answer("\n" + textwrap.fill(f"source: {d.citation}", columns))
+        yield "\n" + filled(f"source: {d.citation}", columns, then="  ")

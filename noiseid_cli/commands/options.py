@@ -10,8 +10,8 @@ import typer
 Config = Annotated[
     Path | None,
     typer.Argument(
-        metavar="[CONFIG]",
-        help="Experiment file; without it ./noiseid.yaml, else the built-in flexible robot.",
+        metavar="CONFIG",
+        help="Experiment file. Default: ./noiseid.yaml, else the built-in flexible robot.",
         show_default=False,
     ),
 ]
@@ -19,17 +19,22 @@ Set = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="A.B=VALUE", help="Replace a setting; may be given several times."),
 ]
-Seed = Annotated[int | None, typer.Option("--seed", min=0, help="Replace the experiment's seed.")]
-Jobs = Annotated[int, typer.Option("--jobs", "-j", min=1, help="Number of processes.")]
-Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for all experiments.")]
+Seed = Annotated[int | None, typer.Option("--seed", metavar="N", min=0, help="Replace the experiment's seed.")]
+Jobs = Annotated[int, typer.Option("--jobs", "-j", metavar="N", min=1, help="Number of processes.")]
+Out = Annotated[Path, typer.Option("--out", "-o", metavar="FOLDER", help="Folder of all experiments.")]
 Force = Annotated[bool, typer.Option("--force", "-f", help="Do again what is done already.")]
 DryRun = Annotated[bool, typer.Option("--dry-run", "-n", help="Say what would be done, and do nothing.")]
 Method = Annotated[
     list[str] | None,
-    typer.Option("--method", "-m", help="Label or method to run; may be given several times. Default: all."),
+    typer.Option(
+        "--method",
+        "-m",
+        metavar="NAME",
+        help="Label or method to run; may be given several times. Default: all of the experiment.",
+    ),
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress, only the answer and errors.")]
-Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Say more: every pass, every file.")]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Say more: each pass, each file.")]
 Json = Annotated[bool, typer.Option("--json", help="The answer as JSON.")]
 
 RUNS = Path("runs")

@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
-from noiseid_cli.commands.console import say
+from noiseid_cli.commands.console import complain, say, width
+from noiseid_cli.commands.text import wrapped
+from noiseid_cli.pipeline.wording import counted
 
 if TYPE_CHECKING:
-    from rich.progress import Progress, TaskID
+    from rich.console import RenderableType
 
-    from noiseid_cli.pipeline.engine import Token
+    from noiseid_cli.pipeline.making import Token
 
 
 class QuietListener:
     """Says nothing but what failed."""
+
+    def __init__(self) -> None:
+        """Nothing was heard yet."""
+        self._reasons: dict[str, str] = {}
 
     def __enter__(self) -> Self:
         """Nothing to prepare."""
@@ -34,12 +41,18 @@ class QuietListener:
         """A unit passed over its data."""
 
     def end(self, token: Token) -> None:
-        """A unit ended."""
+        """A unit ended; a reason that many of them fail for is given once."""
         if token.state == "failed":
-            say(f"{token.unit}: {token.message}")
+            first = self._reasons.setdefault(token.message, token.unit)
+            reason = token.message if first == token.unit else f"for the same reason as {first}"
+            self.fault(f"{token.unit} failed: {reason}")
 
     def say(self, sentence: str) -> None:
         """Not said."""
+
+    def fault(self, text: str) -> None:
+        """Print what went wrong."""
+        complain(text)
 
 
 class PlainListener(QuietListener):
@@ -47,100 +60,127 @@ class PlainListener(QuietListener):
 
     def __init__(self, verbose: bool = False) -> None:
         """Say more with ``verbose``."""
-        self.verbose = verbose
+        super().__init__()
+        self._verbose = verbose
+        self._said: set[str] = set()
 
     def stage(self, name: str, total: int, there: int) -> None:
         """A stage begins."""
-        already = f", {there} there already" if there else ""
-        self.say(f"{name}: {total} unit{'s' * (total != 1)}{already}")
+        already = f", {there if there < total else 'all'} there already" if there else ""
+        self.line(f"{name}: {counted(total, 'unit')}{already}")
 
     def passed(self, unit: str, passes: int, loglik: float) -> None:
         """A unit passed over its data."""
-        if self.verbose:
-            self.say(f"  {unit}: pass {passes}, log-likelihood {loglik:.4f}")
+        if self._verbose:
+            self.line(f"  {unit}: pass {passes}, log-likelihood {loglik:.4f}")
 
     def end(self, token: Token) -> None:
         """A unit ended."""
-        self.say(f"  {token.unit}: {token.message} ({token.seconds:.1f} s)")
-        if self.verbose and token.state == "made":
-            self.say(f"    {token.path}")
+        super().end(token)
+        if token.state == "made":
+            self.line(f"  {token.unit}: {token.message}, {token.seconds:.1f} s")
+            if self._verbose:
+                self.line(f"    {token.path}")
 
     def say(self, sentence: str) -> None:
-        """Print a sentence."""
-        say(sentence)
+        """Print a sentence, once."""
+        if sentence not in self._said:
+            self._said.add(sentence)
+            self.line(sentence)
+
+    def line(self, text: str) -> None:
+        """Print a line."""
+        say(text)
 
 
 class LiveListener(PlainListener):
-    """One display: a bar per stage with its rate and the time left, a line per unit at work."""
+    """Below the lines, one display: a bar for the stage with the time left, and a row for each unit at work."""
 
     def __init__(self, verbose: bool = False) -> None:
         """Prepare the display; it shows with the ``with`` statement."""
         super().__init__(verbose)
         from rich.console import Console
-        from rich.progress import (
-            BarColumn,
-            MofNCompleteColumn,
-            Progress,
-            TextColumn,
-            TimeElapsedColumn,
-            TimeRemainingColumn,
-        )
+        from rich.live import Live
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+        from rich.progress import TimeRemainingColumn as LeftColumn
 
-        self.progress: Progress = Progress(
-            TextColumn("{task.description}"),
-            BarColumn(bar_width=20),
+        console = Console(stderr=True, highlight=False, markup=False)
+        self._bar = Progress(
+            TextColumn("{task.description}", markup=False),
+            BarColumn(24),
             MofNCompleteColumn(),
             TimeElapsedColumn(),
-            TimeRemainingColumn(),
-            TextColumn("{task.fields[note]}"),
-            console=Console(stderr=True, highlight=False),
-            transient=True,
+            TextColumn("left", markup=False),
+            LeftColumn(compact=True),
+            console=console,
         )
-        self.bar: TaskID | None = None
-        self.at_work: dict[str, tuple[TaskID, float]] = {}
+        self._at_work: dict[str, tuple[float, int, float]] = {}
+        self._live = Live(console=console, get_renderable=self._picture, transient=True, refresh_per_second=8)
 
     def __enter__(self) -> Self:
         """Show the display."""
-        self.progress.start()
+        self._live.start()
         return self
 
     def __exit__(self, *_: object) -> None:
         """Take the display away."""
-        self.progress.stop()
+        self._live.stop()
+        self._clear()
 
     def stage(self, name: str, total: int, there: int) -> None:
         """A stage begins."""
         super().stage(name, total, there)
-        if self.bar is not None:
-            self.progress.remove_task(self.bar)
-        self.bar = self.progress.add_task(name, total=total, completed=there, note="")
+        self._clear()
+        self._bar.add_task(name, total=total, completed=there, visible=there < total)
 
     def begin(self, unit: str) -> None:
         """A unit begins."""
-        task = self.progress.add_task(f"  {unit}", total=None, note="")
-        self.at_work[unit] = task, time.monotonic()
+        self._at_work[unit] = time.monotonic(), 0, 0.0
 
     def passed(self, unit: str, passes: int, loglik: float) -> None:
         """A unit passed over its data."""
         super().passed(unit, passes, loglik)
-        if unit in self.at_work:
-            self.progress.update(self.at_work[unit][0], completed=passes, note=f"log-likelihood {loglik:.3f}")
+        if unit in self._at_work:
+            self._at_work[unit] = self._at_work[unit][0], passes, loglik
 
     def end(self, token: Token) -> None:
         """A unit ended."""
+        self._at_work.pop(token.unit, None)
         super().end(token)
-        if token.unit in self.at_work:
-            self.progress.remove_task(self.at_work.pop(token.unit)[0])
-        if self.bar is not None:
-            self.progress.advance(self.bar)
+        for task in self._bar.task_ids:
+            self._bar.advance(task)
 
-    def say(self, sentence: str) -> None:
-        """Print a sentence above the display."""
-        self.progress.console.print(sentence, markup=False, soft_wrap=True)
+    def fault(self, text: str) -> None:
+        """Print what went wrong above the display."""
+        self.line(f"noiseid: {text}")
+
+    def line(self, text: str) -> None:
+        """Print a line above the display."""
+        self._live.console.print(wrapped(text, width(sys.stderr)), soft_wrap=True)
+
+    def _clear(self) -> None:
+        self._at_work.clear()
+        for task in self._bar.task_ids:
+            self._bar.remove_task(task)
+
+    def _picture(self) -> RenderableType:
+        """The bar, and below it what is at work."""
+        from rich.console import Group
+        from rich.table import Table
+
+        rows = Table.grid(padding=(0, 2, 0, 0))
+        rows.add_column(no_wrap=True, overflow="ellipsis")
+        for _ in range(3):
+            rows.add_column(no_wrap=True, justify="right")
+        for unit, (began, passes, loglik) in list(self._at_work.items()):
+            done: tuple[Any, ...] = (f"pass {passes}", f"log-likelihood {loglik:.2f}") if passes else ("", "")
+            rows.add_row(f"  {unit}", *done, f"{time.monotonic() - began:.0f} s")
+        return Group(self._bar.get_renderable(), rows)
 
 
 def listener(quiet: bool, verbose: bool) -> QuietListener:
     """The one that fits the flags and the terminal."""
     if quiet:
         return QuietListener()
-    return LiveListener(verbose) if sys.stderr.isatty() else PlainListener(verbose)
+    live = sys.stderr.isatty() and os.environ.get("TERM", "dumb") != "dumb"
+    return LiveListener(verbose) if live else PlainListener(verbose)

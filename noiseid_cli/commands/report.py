@@ -16,7 +16,11 @@ def report(
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
-    """Make tables, figures and pages from the results that are there."""
-    from noiseid_cli.commands.stages import open_session, show_report
+    """Make tables, figures and pages from the results.
 
-    show_report(open_session(config, out, overrides, seed, quiet=quiet, json=json), method)
+    Takes all results that are there, and says which are missing.
+    """
+    from noiseid_cli.commands.stages import open_session
+
+    session = open_session(config, out, overrides, seed, quiet=quiet, json=json)
+    session.finish(session.report(method, anew=True))

@@ -20,18 +20,22 @@ def run(
     verbose: Verbose = False,
     json: Json = False,
 ) -> None:
-    """Do all that an experiment says: simulate or import, estimate, report. What is done is not done again."""
-    from noiseid_cli.commands.stages import open_session, show_report
-    from noiseid_cli.pipeline.units import dataset_units, estimate_units
+    """Simulate or import, estimate, report: all that is not done yet.
+
+    What is done is not done again: each file is named by a key of all settings and data that it depends on. So a run
+    that was interrupted goes on where it was, and a changed setting makes new files beside the old ones.
+    """
+    from noiseid_cli.commands.stages import open_session
+    from noiseid_cli.pipeline.units import chosen_methods, data_stage, dataset_units
 
     session = open_session(
         config, out, overrides, seed, jobs=jobs, force=force, dry_run=dry_run, quiet=quiet, verbose=verbose, json=json
     )
-    experiment = session.context.experiment
-    datasets = session.run("simulate" if experiment.simulate else "import", dataset_units(session.context))
-    if experiment.estimate is None:
-        session.finish(datasets, "datasets")
-        return
-    session.run("estimate", estimate_units(session.context, method))
-    if not dry_run:
-        show_report(session, method)
+    context = session.context
+    estimates = context.experiment.estimate is not None
+    if estimates or method:
+        chosen_methods(context, method)  # a wrong name is told before anything is made
+    session.run(data_stage(context), dataset_units(context))
+    if estimates:
+        session.estimate(method)
+    session.finish(session.report(method) if estimates and not dry_run else None)

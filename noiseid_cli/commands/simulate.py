@@ -19,7 +19,7 @@ def simulate(
     verbose: Verbose = False,
     json: Json = False,
 ) -> None:
-    """Simulate the experiment's datasets, with the truth stored beside the data."""
+    """Simulate datasets, with the truth stored beside the data."""
     from noiseid_cli.commands.stages import open_session
     from noiseid_cli.errors import DataError
     from noiseid_cli.pipeline.units import dataset_units
@@ -29,4 +29,5 @@ def simulate(
     )
     if session.context.experiment.simulate is None:
         raise DataError("the experiment has no `simulate` section, it imports recordings: run `noiseid import`")
-    session.finish(session.run("simulate", dataset_units(session.context)), "datasets")
+    session.run("simulate", dataset_units(session.context))
+    session.finish()

@@ -109,13 +109,19 @@ def _check_simulate(findings: Findings, simulate: Simulate, model: ModelNames) -
     if interval is None:
         findings.add(("simulate", "sample_time"), "is missing: the model has no sample time of its own; give it in s")
         return
-    _check_trajectory(findings, simulate.trajectory, model, interval)
+    _check_trajectory(findings, ("simulate", "trajectory"), simulate.trajectory, model, interval)
+    if simulate.held_out is not None:
+        path = ("simulate", "held_out", "trajectory")
+        _check_trajectory(findings, path, simulate.held_out.trajectory, model, interval)
 
 
 def _check_trajectory(
-    findings: Findings, trajectory: Square | Zero | Multisine | Steps, model: ModelNames, interval: float
+    findings: Findings,
+    path: Path,
+    trajectory: Square | Zero | Multisine | Steps,
+    model: ModelNames,
+    interval: float,
 ) -> None:
-    path = ("simulate", "trajectory")
     if isinstance(trajectory, Square):
         if findings.loaded.experiment.model.name != "flexible_robot":
             findings.add((*path, "kind"), "square is a motion of flexible_robot only: take zero, multisine or steps")

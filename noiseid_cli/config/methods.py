@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
@@ -24,6 +24,9 @@ class MethodOptions(Base):
     citation: ClassVar[str] = ""
 
     method: str = Field(description="the method; default: the label it stands under")
+    structure: Literal["full", "diagonal", "scale"] | None = Field(
+        default=None, description="structure of the process noise for this method; default: that of process_noise"
+    )
 
 
 class EmOptions(MethodOptions):
@@ -64,7 +67,51 @@ class EmOptions(MethodOptions):
     )
 
 
-METHOD_OPTIONS: dict[str, type[MethodOptions]] = {"em": EmOptions}
+class Alg2Options(MethodOptions):
+    """Minimisation of the filter's path error; needs a known true path."""
+
+    summary: ClassVar[str] = "minimisation of the path error of the extended Kalman filter; needs the true path"
+    estimates: ClassVar[str] = "Q (diagonal)"
+    citation: ClassVar[str] = EmOptions.citation.replace("EM with an extended Kalman smoother", "Alg. 2")
+
+    method: Literal["alg2"] = Field(
+        default="alg2", description="minimisation of the path error; default: the label it stands under"
+    )
+    optimiser: Literal["least_squares", "nelder_mead"] = Field(
+        default="least_squares", description="Gauss-Newton steps on the path errors, or a search by values only"
+    )
+    max_passes: Count = Field(default=1000, description="largest number of filter runs over the data")
+    parameter_tolerance: NotNegative = Field(
+        default=1e-5, description="step of the log variances below which they count as still"
+    )
+    objective_tolerance: NotNegative = Field(
+        default=1e-9, description="relative change of the path error below which it counts as still"
+    )
+    lambda_span: Annotated[float, Field(gt=1)] = Field(
+        default=1e8, description="each variance is searched between 1 / lambda_span and lambda_span of its start"
+    )
+
+
+class Alg3Options(MethodOptions):
+    """Iterative covariance of the noise that the smoothed states imply."""
+
+    summary: ClassVar[str] = "iterative sample covariance of the noise that the smoothed states imply; biased low"
+    estimates: ClassVar[str] = "Q (full, diagonal, blocks, scale, entries held)"
+    citation: ClassVar[str] = EmOptions.citation.replace("EM with an extended Kalman smoother", "Alg. 3")
+
+    method: Literal["alg3"] = Field(
+        default="alg3", description="iterative covariance estimation; default: the label it stands under"
+    )
+    max_passes: Count = Field(default=500, description="largest number of passes over the data")
+    parameter_tolerance: NotNegative = Field(
+        default=1e-5, description="relative change of the covariances in a pass below which they count as still"
+    )
+    zero_tolerance: NotNegative = Field(
+        default=1e-6, description="share of its start below which a standard deviation counts as gone to zero"
+    )
+
+
+METHOD_OPTIONS: dict[str, type[MethodOptions]] = {"em": EmOptions, "alg2": Alg2Options, "alg3": Alg3Options}
 """Every known method, by the name used in experiment files."""
 
 

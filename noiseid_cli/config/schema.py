@@ -55,6 +55,11 @@ class Report(Base):
         default=FORMATS, description="kinds of file to write; default: all"
     )
 
+    published: Text | None = Field(
+        default=None,
+        description="a file of published figures to stand beside ours; a relative path starts at the experiment file",
+    )
+
     @field_validator("formats")
     @classmethod
     def _once(cls, value: tuple[str, ...]) -> tuple[str, ...]:

@@ -56,6 +56,13 @@ class Steps(Base):
 Trajectory = Annotated[Square | Zero | Multisine | Steps, Field(discriminator="kind")]
 
 
+class HeldOut(Base):
+    """Tests that no method sees: the estimates are scored on them."""
+
+    tests: Count = Field(description="number of tests, each with noise of its own")
+    trajectory: Trajectory = Field(description="the motion, best another one than that of the data")
+
+
 class Simulate(Base):
     """Make datasets with a known truth."""
 
@@ -68,6 +75,7 @@ class Simulate(Base):
     trajectory: Trajectory = Field(description="the motion, or the inputs that make it")
     process_noise: Covariance = Field(description="true covariance of the process noise, per sample")
     measurement_noise: Covariance = Field(description="true covariance of the measurement noise")
+    held_out: HeldOut | None = Field(default=None, description="further tests on which the estimates are scored")
     initial_state: Numbers | None = Field(
         default=None,
         description="first state of each test, in the units of the states; default: where the motion starts, or 0",

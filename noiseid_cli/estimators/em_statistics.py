@@ -15,7 +15,7 @@ from numba import types
 
 from noiseid_cli.errors import EstimationError
 from noiseid_cli.filters.ekf import cube, extended_kalman_filter
-from noiseid_cli.filters.linalg import EPS, triangularise, upper_factor
+from noiseid_cli.filters.linalg import left_solve, triangularise, upper_factor
 from noiseid_cli.filters.smoother import extended_kalman_smoother
 from noiseid_cli.models.compiled import CompiledModel
 from noiseid_cli.models.discretisation import transition, work_size
@@ -197,19 +197,8 @@ def _process_smoothed(scheme, drift_jacobian, p, dt, u, m, U, gain, C, U_v):  # 
                 for j in range(r, n):
                     total += U[k + 1, r, j] * w[j]
                 L[i, nv + rows + r] = total
-        triangularise(L, n, nv + total_rows, nv, w)
-        for i in range(nv):
-            length = 0.0
-            for j in range(i + 1):
-                length += L[j, i] * L[j, i]
-            if L[i, i] <= 4.0 * n * EPS * math.sqrt(length):
-                return k
-        for r in range(total_rows):
-            for i in range(nv - 1, -1, -1):
-                total = L[i, nv + r]
-                for j in range(i + 1, nv):
-                    total -= L[i, j] * W[nv + r, j]
-                W[nv + r, i] = total / L[i, i]
+        if not left_solve(L, nv, nv + total_rows, W[nv:], w):
+            return k
         absorb(U_v, total_rows, W, w)
     return -1
 

@@ -26,13 +26,14 @@ class Estimate:
         status: how it ended; only ``converged`` is a success.
         reason: the same in a sentence, with the figures that decided.
         start: the values it started from.
-        final: the values it ended with: the best iterate in log-likelihood.
+        final: the values it ended with: em's best iterate in log-likelihood, alg2's in path error, alg3's last one.
         loglik_start, loglik: log-likelihood of both, with the -m/2 log 2 pi term.
-        passes: number of passes over the data (filter and smoother).
+        passes: number of passes over the data (filter and smoother; alg2: filter).
         seconds: wall-clock time of the estimation.
         trace: per pass, first axis = pass: ``loglik`` (passes,), ``Q`` (passes, nv, nv), ``R`` (passes, ny, ny),
             ``change`` (passes,) relative size of the EM step taken there, ``extrapolated`` (passes,) 1 where the
-            point came from the acceleration, ``accepted`` (passes,) 0 where it was rejected.
+            point came from the acceleration, ``accepted`` (passes,) 0 where it was rejected; of alg2 ``objective``
+            (passes,) as well, see there.
         safeguards: each safeguard that acted, in a sentence.
         settings: the options in force, for the report.
     """

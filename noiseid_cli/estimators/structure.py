@@ -62,6 +62,11 @@ class CovarianceStructure:
         pairs = [(i, j) for block in self.blocks for i in sorted(block) for j in sorted(block) if j <= i]
         return tuple(pair for pair in pairs if pair not in self.held)
 
+    @property
+    def is_diagonal(self) -> bool:
+        """Every variance is free and every covariance zero."""
+        return not self.scale and not self.held and all(len(block) == 1 for block in self.blocks)
+
     def check(self) -> None:
         """Refuse a start that EM could never leave.
 

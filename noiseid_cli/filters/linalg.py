@@ -104,6 +104,39 @@ def echelon(A, rows, columns, pivots, pivot_column, w):  # type: ignore[no-untyp
     return rank
 
 
+@routine
+def left_solve(A, p, columns, X, w):  # type: ignore[no-untyped-def]
+    """Least squares: X[r] = (A_p^+ a_r)', A_p the first p columns of A and a_r the others.
+
+    One triangularisation and back-substitution; a column of A_p is dependent on those before it if what is left of it
+    is below 4 n eps of its length.
+
+    Args:
+        A: (n, >= columns), overwritten.
+        p, columns: the part of A that is worked on.
+        X: (>= columns - p, p), written.
+        w: scratch (>= columns,).
+
+    Returns:
+        Whether the first p columns are independent; if not, X is not written.
+    """
+    n = A.shape[0]
+    triangularise(A, n, columns, p, w)
+    for i in range(p):
+        length = 0.0
+        for j in range(i + 1):
+            length += A[j, i] * A[j, i]
+        if A[i, i] <= 4.0 * n * EPS * math.sqrt(length):
+            return False
+    for r in range(columns - p):
+        for i in range(p - 1, -1, -1):
+            total = A[i, p + r]
+            for j in range(i + 1, p):
+                total -= A[i, j] * X[r, j]
+            X[r, i] = total / A[i, i]
+    return True
+
+
 def upper_factor(P: NDArray[np.float64], what: str) -> NDArray[np.float64]:
     """Upper-triangular U with U'U = P, for a symmetric positive semidefinite P.
 

@@ -30,11 +30,14 @@ class Context:
         loaded: the checked experiment.
         root: folder that holds the folders of all experiments.
         say: takes sentences such as the one about a first compilation.
+        overrides, seed: what was laid over the file, so that a worker process can open it likewise.
     """
 
     loaded: LoadedExperiment
     root: Path
     say: Say
+    overrides: tuple[str, ...] = ()
+    seed: int | None = None
 
     @property
     def experiment(self) -> Experiment:
@@ -81,13 +84,21 @@ class Context:
         text = json.dumps([cache_key(model.equations()), model.values, model.discretisation, model.sample_time])
         return hashlib.sha256(text.encode()).hexdigest()
 
+    @property
+    def fingerprint(self) -> str:
+        """Key of all settings and of the model: two contexts with the same one make the same files."""
+        text = json.dumps([self.loaded.resolved(), self.model_digest], sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()
+
     def check(self) -> None:
-        """Compare the experiment with its model.
+        """Compare the experiment with its model, and read the published figures that it names.
 
         Raises:
             ConfigError: with every problem found.
+            DataError: the file of published figures cannot be read.
         """
         from noiseid_cli.config.check import ModelNames, check_against
+        from noiseid_cli.config.published import load_published
 
         model = self.model
         groups = (model.states, model.inputs, model.noises, model.outputs, model.parameters)
@@ -104,6 +115,9 @@ class Context:
         problems = check_against(self.loaded, names)
         if problems:
             raise ConfigError(str(self.loaded.file), problems)
+        if self.experiment.report.published is not None:
+            # Found out now, and not when all units have run.
+            load_published(self.loaded.resolve(self.experiment.report.published))
 
 
 def open_experiment(
@@ -121,6 +135,7 @@ def open_experiment(
     Raises:
         ConfigError, DataError, ModelError: with every problem that could be found.
     """
-    context = Context(load_experiment(file, overrides, seed), root, say)
+    overrides = tuple(overrides)
+    context = Context(load_experiment(file, overrides, seed), root, say, overrides, seed)
     context.check()
     return context

@@ -43,12 +43,16 @@ def _simulate(context: Context, unit: DatasetUnit) -> Dataset:
     import numpy as np
 
     from noiseid_cli.simulation.motions import MOTIONS, plan_motion
-    from noiseid_cli.simulation.simulate import simulate
+    from noiseid_cli.simulation.simulate import HELD_OUT, STREAM, simulate
 
     section = context.experiment.simulate
     assert section is not None
-    kind = section.trajectory.kind
-    options = MOTIONS[kind].options(**section.trajectory.model_dump(exclude={"kind"}))
+    trajectory, tests = section.trajectory, section.tests
+    if unit.held_out:
+        assert section.held_out is not None
+        trajectory, tests = section.held_out.trajectory, section.held_out.tests
+    kind = trajectory.kind
+    options = MOTIONS[kind].options(**trajectory.model_dump(exclude={"kind"}))
     plan = plan_motion(kind, options, context.model, context.compiled, section.samples)
     return simulate(
         context.model,
@@ -58,10 +62,11 @@ def _simulate(context: Context, unit: DatasetUnit) -> Dataset:
         section.measurement_noise.matrix(),
         seed=context.experiment.seed,
         samples=section.samples,
-        tests=section.tests,
+        tests=tests,
         replicate=unit.replicate,
         x0=None if section.initial_state is None else np.array(section.initial_state),
         name=unit.name,
+        stream=HELD_OUT if unit.held_out else STREAM,
     )
 
 

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from noiseid_cli.errors import EstimationError
 from noiseid_cli.estimators.estimate import Estimate, Progress
 from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.outcome import UnitResult
 from noiseid_cli.pipeline.context import Context
 from noiseid_cli.pipeline.datasets import file_attributes
+from noiseid_cli.pipeline.methods import run_method
 from noiseid_cli.pipeline.problem import pose
 from noiseid_cli.pipeline.units import EstimateUnit
 
@@ -37,25 +38,27 @@ def make_estimate(context: Context, unit: EstimateUnit, progress: Progress | Non
     dataset = read_dataset(unit.dataset.path)
     section = context.experiment.estimate
     assert section is not None
-    start, unknowns = pose(section, dataset, context.compiled, unit.scale, unit.measurement_scale)
+    if unit.options.structure is not None:
+        own = section.process_noise.model_copy(update={"structure": unit.options.structure})
+        section = section.model_copy(update={"process_noise": own})
+    start, unknowns = pose(section, dataset, context.compiled, unit.start.factors, unit.start.measurement_factor)
     estimate = _run(context, dataset, start, unknowns, unit.options, progress)
+    structure = section.process_noise.structure
+    words = structure if isinstance(structure, str) else "blocks"
+    estimate = replace(estimate, settings={"structure": words, **estimate.settings})
     candidates = {"start": start, "estimate": estimate.final}
     if dataset.Q_true is not None and dataset.R_true is not None:
         candidates["truth"] = NoiseValues(dataset.Q_true, dataset.R_true, start.m0, start.P0)
-    evaluations: dict[str, Evaluation] = {}
-    for label, noise in candidates.items():
-        found = _evaluate(context, dataset, noise, label)
-        if found is not None:
-            evaluations[label] = found
+    held_out = None if unit.held_out is None else read_dataset(unit.held_out.path)
     result = UnitResult(
         unit=unit.name,
         dataset=dataset.name,
         method_label=unit.label,
-        start_index=unit.start,
-        start_scale=unit.scale,
+        start_index=unit.start.index,
+        start_label=unit.start.label,
         replicate=unit.dataset.replicate,
         estimate=estimate,
-        evaluations=evaluations,
+        evaluations=_evaluate(context, dataset, candidates),
         noise_names=tuple((q.name, q.unit, q.description) for q in context.model.noises),
         output_names=dataset.outputs,
         state_names=dataset.states,
@@ -64,6 +67,8 @@ def make_estimate(context: Context, unit: EstimateUnit, progress: Progress | Non
         R_true=dataset.R_true,
         seconds=time.perf_counter() - began,
         seed=context.experiment.seed,
+        held_out={} if held_out is None else _score(context, held_out, candidates),
+        held_out_tests=0 if held_out is None else len(held_out.recordings),
     )
     write_result(unit.path, result, file_attributes(context, unit.key))
     return result
@@ -78,14 +83,11 @@ def _run(
     progress: Progress | None,
 ) -> Estimate:
     """Call the method; a filter that fails at the start itself makes a result with status `diverged`."""
-    from noiseid_cli.estimators import em
     from noiseid_cli.filters.ekf import FilterDivergedError
 
-    if options.method != "em":
-        raise EstimationError(f"method {options.method!r} is not known")
-    settings = options.model_dump(exclude={"method"})
+    settings = options.model_dump(exclude={"method", "structure"})
     try:
-        return em.estimate(context.compiled, dataset.recordings, start, unknowns, em.EmOptions(**settings), progress)
+        return run_method(options.method, context.compiled, dataset.recordings, start, unknowns, settings, progress)
     except FilterDivergedError as error:
         return Estimate(
             method=options.method,
@@ -101,12 +103,23 @@ def _run(
         )
 
 
-def _evaluate(context: Context, dataset: Dataset, noise: NoiseValues, label: str) -> Evaluation | None:
-    """The filter with these values against the data; None where it fails."""
+def _evaluate(context: Context, dataset: Dataset, candidates: dict[str, NoiseValues]) -> dict[str, Evaluation]:
+    """The filter with each of the values against the data; those with which it fails are left out."""
     from noiseid_cli.diagnostics.evaluate import evaluate
     from noiseid_cli.filters.ekf import FilterDivergedError
 
-    try:
-        return evaluate(context.compiled, dataset.recordings, noise, label)
-    except FilterDivergedError:
-        return None
+    out = {}
+    for label, noise in candidates.items():
+        try:
+            out[label] = evaluate(context.compiled, dataset.recordings, noise, label)
+        except FilterDivergedError:
+            continue
+    return out
+
+
+def _score(context: Context, held_out: Dataset, candidates: dict[str, NoiseValues]) -> dict[str, Evaluation]:
+    """The same on tests that no method has seen, which have first states of their own."""
+    section = context.experiment.estimate
+    assert section is not None
+    m0 = pose(section, held_out, context.compiled)[0].m0
+    return _evaluate(context, held_out, {label: replace(noise, m0=m0) for label, noise in candidates.items()})

@@ -22,8 +22,8 @@ def pose(
     section: Estimate,
     dataset: Dataset,
     model: CompiledModel,
-    scale: float = 1.0,
-    measurement_scale: float = 1.0,
+    factors: Sequence[float] = (),
+    measurement_factor: float = 1.0,
 ) -> tuple[NoiseValues, Unknowns]:
     """Start values and unknowns of one estimation unit.
 
@@ -31,27 +31,31 @@ def pose(
         section: the experiment's `estimate` section.
         dataset: the data.
         model: names the noises, outputs and states.
-        scale, measurement_scale: factors on the starts of the process and the measurement noise.
+        factors: (nv,) factor on each variance of the process noise's start; all 1 if not given.
+        measurement_factor: factor on the start of the measurement noise.
 
     Raises:
         EstimationError: ``truth`` is asked of recordings that have none, or a test is not named.
     """
-    Q, unknown_Q = _covariance(section.process_noise, model.noises, "process_noise", scale)
-    R, unknown_R = _covariance(section.measurement_noise, model.outputs, "measurement_noise", measurement_scale)
-    P0, unknown_P0 = _covariance(section.initial_covariance, model.states, "initial_covariance", 1.0)
+    Q, unknown_Q = _covariance(section.process_noise, model.noises, "process_noise", factors)
+    same = (measurement_factor,) * model.ny
+    R, unknown_R = _covariance(section.measurement_noise, model.outputs, "measurement_noise", same)
+    P0, unknown_P0 = _covariance(section.initial_covariance, model.states, "initial_covariance")
     m0 = _mean(section.initial_mean, dataset)
     unknowns = Unknowns(Q=unknown_Q, R=unknown_R, P0=unknown_P0, m0=section.initial_mean.start is not None)
     return NoiseValues(Q, R, m0, P0), unknowns
 
 
 def _covariance(
-    choice: CovarianceChoice, names: Sequence[str], what: str, scale: float
+    choice: CovarianceChoice, names: Sequence[str], what: str, factors: Sequence[float] = ()
 ) -> tuple[Array, CovarianceStructure | None]:
     """Value and, where it is unknown, structure of one covariance."""
     if choice.known is not None:
         return choice.known.matrix(), None
     assert choice.start is not None
-    start = choice.start.matrix() * scale
+    # Correlations stay as they are given.
+    f = np.sqrt(factors if factors else (1.0,) * len(names))
+    start = choice.start.matrix() * np.outer(f, f)
     if choice.structure == "scale":
         return start, CovarianceStructure.scaled(start, what)
     if choice.structure == "full":

@@ -3,55 +3,133 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from noiseid_cli.errors import DataError
 from noiseid_cli.pipeline.context import Context
-from noiseid_cli.pipeline.units import EstimateUnit, estimate_units
+from noiseid_cli.pipeline.facts import dataset_facts, model_facts, published_facts
+from noiseid_cli.pipeline.units import chosen_methods, digest, estimate_units
 
 if TYPE_CHECKING:
-    from noiseid_cli.models.recording import Dataset
-    from noiseid_cli.report import DatasetFacts, ModelFacts, ReportFiles, Study
+    from noiseid_cli.report import Study
     from noiseid_cli.report.tables import Table
+
+T = TypeVar("T")
+
+_INDEX = ".report.json"
+"""Kept in the report's folder: what it was made from, and the files that it wrote."""
 
 
 @dataclass(frozen=True)
 class Reported:
-    """A report that was written.
+    """The results in short, and the report on them.
 
     Attributes:
-        files: what was written and where.
         tables: the main tables, for the terminal.
         unfinished: number of results that did not converge.
+        warnings: what is missing, in sentences.
+        page: the file to open; None where no report was asked for.
+        written: the report was written now; False if one of the same results was there.
     """
 
-    files: ReportFiles
     tables: list[Table]
     unfinished: int
+    warnings: list[str]
+    page: Path | None = None
+    written: bool = False
 
 
-def make_report_stage(context: Context, methods: list[str] | None = None) -> Reported:
+def show_results(context: Context, methods: list[str] | None = None) -> Reported:
+    """The results that are there, for the terminal only.
+
+    Raises:
+        DataError: there is no result that can be read.
+    """
+    return _shown(gather(context, methods)[0])
+
+
+def make_report_stage(context: Context, methods: list[str] | None = None, anew: bool = True) -> Reported:
     """Write the report of all results that are there.
 
     Args:
         context: the experiment.
         methods: as in ``estimate_units``.
+        anew: write it even if nothing has changed since the last one.
 
     Raises:
-        DataError: there is no result yet, or one is damaged.
+        DataError: there is no result that can be read, or the report cannot be written.
     """
-    from noiseid_cli.report import make_report, terminal_tables
+    study, sources = gather(context, methods)
+    shown = _shown(study)
+    folder = context.folder / "report"
+    settings = context.experiment.report.model_dump(mode="json")
+    key = digest(
+        "report",
+        settings,
+        repr((study.published, study.claims)),
+        study.environment,
+        study.warnings,
+        study.reproduce,
+        *map(_stamp, sources),
+    )
+    before = _read_index(folder)
+    if not anew and before.get("key") == key and all((folder / name).is_file() for name in before["files"]):
+        return replace(shown, page=folder / before["files"][0])
+    context.say("report: tables, figures and pages")
+    try:
+        names = _write(study, folder, context.experiment.report.formats, before.get("files", ()))
+        index = json.dumps({"key": key, "files": names}, indent=1)
+        (folder / _INDEX).write_text(index, encoding="utf-8")
+    except OSError as error:
+        where = error.filename or folder
+        raise DataError(f"the report cannot be written: {where}: {error.strerror}; mend that, or use --out") from error
+    return replace(shown, page=folder / names[0], written=True)
 
-    study = gather(context, methods)
-    files = make_report(study, context.folder / "report", context.experiment.report.formats)
-    unfinished = sum(r.estimate.status != "converged" for r in study.results)
-    return Reported(files, terminal_tables(study), unfinished)
+
+def _shown(study: Study) -> Reported:
+    from noiseid_cli.report import terminal_tables
+
+    unfinished = sum(result.estimate.status != "converged" for result in study.results)
+    return Reported(terminal_tables(study), unfinished, study.warnings)
 
 
-def gather(context: Context, methods: list[str] | None = None) -> Study:
-    """Everything that the report shows."""
+def _write(study: Study, folder: Path, formats: Collection[str], before: Collection[str]) -> list[str]:
+    """Write the report; give the names of its files in the folder, the page to open first."""
+    from noiseid_cli.report import make_report
+
+    made = make_report(study, folder, formats)
+    files = [path for path in (made.html, made.markdown, *made.tables, *made.figures) if path is not None]
+    names = [path.relative_to(folder).as_posix() for path in files]
+    # A table or figure of an earlier report that this one does not have would be read as part of it.
+    for name in set(before) - set(names):
+        (folder / name).unlink(missing_ok=True)
+    return names
+
+
+def _stamp(path: Path) -> tuple[str, int, int]:
+    state = path.stat()
+    return path.name, state.st_mtime_ns, state.st_size
+
+
+def _read_index(folder: Path) -> dict[str, Any]:
+    """What the last report was made from; nothing where there is none, or where the index is not one of ours."""
+    try:
+        index = json.loads((folder / _INDEX).read_text(encoding="utf-8"))
+        inside = all(".." not in name and not name.startswith("/") for name in index["files"]) and index["files"]
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return {}
+    return index if inside else {}
+
+
+def gather(context: Context, methods: list[str] | None = None) -> tuple[Study, list[Path]]:
+    """Everything that a report shows, and the files that it is from.
+
+    Raises:
+        DataError: there is no result that can be read.
+    """
     from noiseid_cli.report import Study
     from noiseid_cli.storage.dataset_file import read_dataset
     from noiseid_cli.storage.provenance import provenance
@@ -61,25 +139,41 @@ def gather(context: Context, methods: list[str] | None = None) -> Study:
     done = [unit for unit in units if unit.done]
     if not done:
         raise DataError(f"there are no results of this experiment under {context.folder}: run `noiseid estimate` first")
-    datasets = list({unit.dataset.name: unit.dataset for unit in done}.values())
-    return Study(
+    warnings = _missing([unit.name for unit in units if not unit.done], len(units))
+    results = _read([unit.path for unit in done], read_result, warnings)
+    if not results:
+        raise DataError("\n".join(warnings))
+    datasets = _read(list(dict.fromkeys(u.dataset.path for u in done if u.dataset.done)), read_dataset, warnings)
+    published, claims = published_facts(context)
+    study = Study(
         title=context.experiment.report.title or context.experiment.experiment,
         experiment=context.experiment.experiment,
-        results=[read_result(unit.path) for unit in done],
-        model=_model_facts(context),
-        datasets=[_dataset_facts(context, read_dataset(unit.path)) for unit in datasets if unit.done],
+        results=list(results.values()),
+        model=model_facts(context),
+        datasets=[dataset_facts(context, dataset) for dataset in datasets.values()],
         environment=provenance(),
         reproduce=_reproduce(context),
-        warnings=_warnings(units, done),
-        citations=citations(context, done),
+        warnings=warnings,
+        citations=citations(context, methods),
+        published=published,
+        claims=claims,
     )
+    return study, [*results, *datasets]
 
 
-def _warnings(units: Sequence[EstimateUnit], done: Sequence[EstimateUnit]) -> list[str]:
-    missing = [unit.name for unit in units if not unit.done]
-    if not missing:
-        return []
-    return [f"{len(missing)} of {len(units)} results are missing, the first is {missing[0]}."]
+def _read(paths: Sequence[Path], read: Callable[[Path], T], warnings: list[str]) -> dict[Path, T]:
+    """Read files; one that is damaged becomes a warning, so that the others are not lost with it."""
+    out = {}
+    for path in paths:
+        try:
+            out[path] = read(path)
+        except DataError as error:
+            warnings.append(f"Left out: {error}")
+    return out
+
+
+def _missing(names: Sequence[str], total: int) -> list[str]:
+    return [f"{len(names)} of {total} results are missing, the first is {names[0]}."] if names else []
 
 
 def _reproduce(context: Context) -> list[str]:
@@ -88,47 +182,15 @@ def _reproduce(context: Context) -> list[str]:
     return ["Save these settings as experiment.yaml (JSON is YAML) and run `noiseid run experiment.yaml`:", settings]
 
 
-def citations(context: Context, units: Sequence[EstimateUnit] | None = None) -> list[str]:
-    """The works behind the methods and the model of an experiment."""
+def citations(context: Context, methods: list[str] | None = None) -> list[str]:
+    """The works behind the methods and the model of an experiment.
+
+    Args:
+        context: the experiment.
+        methods: as in ``estimate_units``.
+    """
     from noiseid_cli.config.methods import METHOD_OPTIONS
 
-    units = estimate_units(context) if units is None else units
-    papers = [METHOD_OPTIONS[name].citation for name in dict.fromkeys(unit.options.method for unit in units)]
-    return list(dict.fromkeys([*papers, *([context.model.citation] if context.model.citation else [])]))
-
-
-def _model_facts(context: Context) -> ModelFacts:
-    from noiseid_cli.models.describe import describe
-    from noiseid_cli.report import ModelFacts, ParameterFact
-
-    description = describe(context.model)
-    return ModelFacts(
-        name=description.name,
-        description=description.summary,
-        equations=tuple(equation.text for equation in description.equations),
-        parameters=tuple(
-            ParameterFact(p.name, p.value, p.unit, p.description, p.source) for p in context.model.parameters_in_force
-        ),
-    )
-
-
-def _dataset_facts(context: Context, dataset: Dataset) -> DatasetFacts:
-    import numpy as np
-
-    from noiseid_cli.report import DatasetFacts
-
-    values = sum(r.y.size for r in dataset.recordings)
-    missing = sum(int(np.isnan(r.y).sum()) for r in dataset.recordings)
-    units = {unit for _, unit, _ in dataset.performances}
-    simulated = context.experiment.simulate
-    return DatasetFacts(
-        name=dataset.name,
-        origin="imported" if simulated is None else f"simulated, trajectory {simulated.trajectory.kind}",
-        tests=len(dataset.recordings),
-        samples=sum(r.samples for r in dataset.recordings),
-        duration=float(sum(r.dt.sum() for r in dataset.recordings)),
-        missing_share=missing / values,
-        notes=dataset.notes,
-        times=tuple(r.time for r in dataset.recordings),
-        performance_unit=units.pop() if len(units) == 1 else "",
-    )
+    used = chosen_methods(context, methods).values() if context.experiment.estimate is not None else ()
+    papers = [METHOD_OPTIONS[options.method].citation for options in used]
+    return [paper for paper in dict.fromkeys([*papers, context.model.citation]) if paper]

@@ -17,9 +17,10 @@ from noiseid_cli.config.methods import METHOD_OPTIONS, MethodOptions
 from noiseid_cli.config.suggest import did_you_mean
 from noiseid_cli.errors import DataError, EstimationError
 from noiseid_cli.pipeline.context import Context
+from noiseid_cli.pipeline.starts import Start, starts
 
 # Raised by hand when a stage's meaning changes, so that old files are made anew.
-STAGE_VERSION = {"simulate": 1, "import": 1, "estimate": 1}
+STAGE_VERSION = {"simulate": 1, "import": 1, "estimate": 1, "report": 1}
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,7 @@ class DatasetUnit:
         path: the file.
         replicate: number of the simulated replicate, from 0.
         recordings: names of the recordings to import; empty for a simulation.
+        held_out: no method sees it; estimates are scored on it.
     """
 
     name: str
@@ -39,6 +41,7 @@ class DatasetUnit:
     path: Path
     replicate: int = 0
     recordings: tuple[str, ...] = ()
+    held_out: bool = False
 
     @property
     def done(self) -> bool:
@@ -54,24 +57,28 @@ class EstimateUnit:
         dataset: the dataset's unit.
         label: label of the method in the experiment.
         options: the method's options.
-        start: number of the start, from 0.
-        scale: factor on the start of the process noise; measurement_scale: on that of the measurement noise.
+        start: where it starts from.
+        held_out: the dataset that the estimate is scored on besides its own.
         key, path: as in ``DatasetUnit``.
     """
 
     dataset: DatasetUnit
     label: str
     options: MethodOptions
-    start: int
-    scale: float
-    measurement_scale: float
+    start: Start
+    held_out: DatasetUnit | None
     key: str
     path: Path
 
     @property
+    def needs(self) -> tuple[DatasetUnit, ...]:
+        """The datasets that it reads."""
+        return (self.dataset,) if self.held_out is None else (self.dataset, self.held_out)
+
+    @property
     def name(self) -> str:
         """Label of the unit, as it is shown."""
-        return f"{self.dataset.name}/{self.label}/start-{self.start}"
+        return f"{self.dataset.name}/{self.label}/start-{self.start.index}"
 
     @property
     def done(self) -> bool:
@@ -90,11 +97,15 @@ def dataset_units(context: Context) -> list[DatasetUnit]:
     units = []
     if experiment.simulate is not None:
         # The number of replicates is left out: asking for more keeps those that are there.
-        settings = experiment.simulate.model_dump(mode="json", exclude={"replicates"})
+        settings = experiment.simulate.model_dump(mode="json", exclude={"replicates", "held_out"})
         for replicate in range(experiment.simulate.replicates):
-            key = _key("simulate", model, settings, {"seed": experiment.seed, "replicate": replicate})
+            key = digest("simulate", model, settings, {"seed": experiment.seed, "replicate": replicate})
             name = f"replicate-{replicate:03d}"
             units.append(DatasetUnit(name, key, _path(context, "datasets", name, key), replicate))
+        if experiment.simulate.held_out is not None:
+            other = experiment.simulate.held_out.model_dump(mode="json")
+            key = digest("simulate", model, settings, other, {"seed": experiment.seed})
+            units.append(DatasetUnit("held-out", key, _path(context, "datasets", "held-out", key), held_out=True))
     if experiment.import_ is not None:
         from noiseid_cli.recordings.readers import source_digest
 
@@ -113,7 +124,7 @@ def dataset_units(context: Context) -> list[DatasetUnit]:
                 }
                 for member in members
             ]
-            key = _key("import", model, common, sources)
+            key = digest("import", model, common, sources)
             units.append(DatasetUnit(name, key, _path(context, "datasets", name, key), 0, tuple(members)))
     return units
 
@@ -129,42 +140,71 @@ def estimate_units(context: Context, methods: list[str] | None = None) -> list[E
     Raises:
         EstimationError: a method is not known, or the experiment estimates nothing.
     """
+    chosen = chosen_methods(context, methods)
     section = context.experiment.estimate
-    if section is None:
-        raise EstimationError("the experiment has no `estimate` section: it says how to get data, not what to find")
-    chosen = _choose(dict(section.methods), methods)
+    assert section is not None
     common = section.model_dump(mode="json", exclude={"methods", "starts"})
-    measurement = section.starts.measurement_scale or (1.0,) * len(section.starts.scale)
+    datasets = dataset_units(context)
+    held_out = next((dataset for dataset in datasets if dataset.held_out), None)
+    scored_on = held_out.key if held_out else None
     units = []
-    for dataset in dataset_units(context):
+    for dataset in datasets:
+        if dataset.held_out:
+            continue
         for label, options in chosen.items():
-            for start, (scale, measurement_scale) in enumerate(zip(section.starts.scale, measurement, strict=True)):
+            for start in starts(context):
                 settings = options.model_dump(mode="json")
-                factors = {"scale": scale, "measurement_scale": measurement_scale}
-                key = _key("estimate", dataset.key, common, settings, factors)
-                name = f"{dataset.name}.{label}.start-{start}"
-                path = _path(context, "results", name, key)
-                units.append(EstimateUnit(dataset, label, options, start, scale, measurement_scale, key, path))
+                factors = [start.factors, start.measurement_factor]
+                key = digest("estimate", dataset.key, common, settings, factors, scored_on)
+                path = _path(context, "results", f"{dataset.name}.{label}.start-{start.index}", key)
+                units.append(EstimateUnit(dataset, label, options, start, held_out, key, path))
     return units
 
 
-def require_datasets(context: Context, units: Sequence[EstimateUnit]) -> None:
-    """Refuse to estimate from datasets that are not there.
+def waiting_units(context: Context, units: Sequence[EstimateUnit], force: bool = False) -> list[EstimateUnit]:
+    """The units that are to be done and cannot be, because a dataset that they need is not there.
+
+    Args:
+        context: the experiment.
+        units: all units.
+        force: those that are done are to be done again.
 
     Raises:
-        DataError: with the command that makes them.
+        DataError: no unit is done or can be; it names the command that makes the datasets.
     """
-    missing = list(dict.fromkeys(unit.dataset for unit in units if not unit.dataset.done))
-    if missing:
-        stage = "simulate" if context.experiment.simulate is not None else "import"
+    todo = [unit for unit in units if force or not unit.done]
+    waiting = [unit for unit in todo if not all(dataset.done for dataset in unit.needs)]
+    if waiting and len(waiting) == len(units):
+        folder = context.folder / "datasets"
+        wanted = {dataset.path for unit in units for dataset in unit.needs}
+        others = len([path for path in folder.glob("*.h5") if path not in wanted])
+        hint = f" ({others} of other settings: give each command the same --set and --seed)" if others else ""
         raise DataError(
-            f"{len(missing)} dataset(s) of {context.experiment.experiment} are not there, the first is "
-            f"{missing[0].path}: run `noiseid {stage}` first, or `noiseid run` for all stages"
+            f"{folder} lacks datasets of these settings{hint}: run `noiseid {data_stage(context)}` first, "
+            "or `noiseid run` for all stages"
         )
+    return waiting
 
 
-def _choose(listed: dict[str, MethodOptions], wanted: list[str] | None) -> dict[str, MethodOptions]:
-    """Pick methods by label, else by method name, else with default options."""
+def data_stage(context: Context) -> str:
+    """The stage that makes the datasets: ``simulate`` or ``import``."""
+    return "simulate" if context.experiment.simulate is not None else "import"
+
+
+def chosen_methods(context: Context, wanted: Sequence[str] | None = None) -> dict[str, MethodOptions]:
+    """Options of the methods to run, by label.
+
+    Args:
+        context: the experiment.
+        wanted: as in ``estimate_units``; a name is looked for among the labels, then among the methods.
+
+    Raises:
+        EstimationError: a method is not known, or the experiment estimates nothing.
+    """
+    section = context.experiment.estimate
+    if section is None:
+        raise EstimationError("the experiment has no `estimate` section: it says how to get data, not what to find")
+    listed = dict(section.methods)
     if not wanted:
         return listed
     out: dict[str, MethodOptions] = {}
@@ -182,7 +222,8 @@ def _choose(listed: dict[str, MethodOptions], wanted: list[str] | None) -> dict[
     return out
 
 
-def _key(stage: str, *parts: Any) -> str:
+def digest(stage: str, *parts: Any) -> str:
+    """Key of a stage that depends on these parts: 64 hexadecimal digits."""
     text = json.dumps([stage, STAGE_VERSION[stage], *parts], sort_keys=True, allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
 

@@ -1,7 +1,7 @@
 """Tables, figures and pages made from results."""
 
 from noiseid_cli.report.page import FORMATS, ReportFiles, make_report
-from noiseid_cli.report.study import DatasetFacts, ModelFacts, ParameterFact, Study
+from noiseid_cli.report.study import DatasetFacts, ModelFacts, ParameterFact, PublishedFacts, Study
 from noiseid_cli.report.summary import terminal_tables
 
 __all__ = [
@@ -9,6 +9,7 @@ __all__ = [
     "DatasetFacts",
     "ModelFacts",
     "ParameterFact",
+    "PublishedFacts",
     "ReportFiles",
     "Study",
     "make_report",

@@ -81,7 +81,7 @@ def ending_table(study: Study) -> Table:
     rows = tuple(
         (
             r.unit,
-            f"× {r.start_scale:g}",
+            r.start_label,
             r.estimate.status,
             r.estimate.passes,
             number(r.estimate.seconds, "Not timed"),

@@ -47,13 +47,13 @@ def curves(study: Study) -> tuple[list[UnitResult], str]:
 
 def unit_labels(shown: list[UnitResult], study: Study) -> list[str]:
     """Short labels: the method, and of start, dataset and replicate what differs in the study."""
-    scales = {r.start_scale for r in study.results}
+    starts = {r.start_index for r in study.results}
     replicates = {r.replicate for r in study.results}
     datasets = {r.dataset for r in study.results}
     labels = []
     for r in shown:
         parts = [r.method_label]
-        parts += [f"start × {r.start_scale:g}"] if len(scales) > 1 else []
+        parts += [f"start {r.start_label}"] if len(starts) > 1 else []
         parts += [r.dataset] if len(datasets) > 1 else []
         parts += [f"replicate {r.replicate}"] if len(replicates) > 1 and len(datasets) == 1 else []
         labels.append(plot_text(", ".join(parts)))

@@ -20,7 +20,7 @@ from noiseid_cli.report.figure_style import (
     plot_text,
 )
 from noiseid_cli.report.figures import MAX_PANELS, unit_labels, unit_styles
-from noiseid_cli.report.reading import evaluation, featured
+from noiseid_cli.report.reading import At, evaluation, featured
 from noiseid_cli.report.study import Study
 
 if TYPE_CHECKING:
@@ -125,6 +125,15 @@ def _draw_nis(study: Study, units: list[UnitResult]) -> Figure:
         axis.set_ylabel("NIS")
     _dress(figure, axes, study, units)
     return figure
+
+
+def path_error_curve(study: Study, r: UnitResult, at: At) -> tuple[Array, Array, str]:
+    """Times, running root mean square of the path error at one place, and the label of the time axis."""
+    found = r.evaluations[at].path_error
+    assert found is not None
+    x, label, spans = time_axis(study, r, len(found))
+    xs, ys = _smoothed(x, found**2, spans, _window(len(found)))
+    return xs, np.sqrt(ys), label
 
 
 def _window(samples: int) -> int:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from noiseid_cli.diagnostics.misfit import misfit_sentences
 from noiseid_cli.outcome import UnitResult
-from noiseid_cli.report import agreement, build, facts
+from noiseid_cli.report import agreement, build, comparison, facts, published
 from noiseid_cli.report.figure_style import Plot
 from noiseid_cli.report.figures import convergence_plot, std_plots
 from noiseid_cli.report.figures_time import autocorrelation_plot, nis_plot, path_error_plot
@@ -56,6 +56,8 @@ def sections(study: Study) -> list[Section]:
         Section("estimate", "The estimate: before and after", _estimate(study)),
         Section("deviations", "Which standard deviations?", _deviations(study)),
         Section("starts", "Do the starts agree?", _starts(study)),
+        Section("methods", "How do the methods compare?", _comparison(study)),
+        Section("published", "How does this compare with what is published?", _published(study)),
         Section("path", "How was the estimate reached?", _path(study)),
         Section("agreement", "Does the filter agree with the data?", _agreement(study)),
         Section("model", "Which model?", _model(study)),
@@ -144,6 +146,26 @@ def _starts(study: Study) -> tuple[Block, ...]:
     if not agreement.start_groups(study):
         return ()
     return (Bullets(tuple(agreement.start_sentences(study))), agreement.starts_table(study))
+
+
+def _comparison(study: Study) -> tuple[Block, ...]:
+    several = len({r.method_label for r in study.results}) > 1 or any(r.held_out for r in study.results)
+    scores = comparison.score_table(study) if several else None
+    plots = [comparison.best_paths_plot(study), *comparison.start_paths_plots(study)] if several else []
+    return tuple(block for block in (scores, comparison.recovery_table(study), *plots) if block)
+
+
+def _published(study: Study) -> tuple[Block, ...]:
+    blocks: list[Block] = [*published.published_tables(study)]
+    found = published.published_sentences(study)
+    if found:
+        blocks += [Paragraph("What was found:"), Bullets(tuple(found))]
+    if study.claims:
+        blocks += [
+            Paragraph("What the source claims, to be held against the tables above:"),
+            Bullets(tuple(study.claims)),
+        ]
+    return tuple(blocks)
 
 
 def _path(study: Study) -> tuple[Block, ...]:

@@ -63,6 +63,30 @@ class DatasetFacts:
 
 
 @dataclass(frozen=True)
+class PublishedFacts:
+    """One published table.
+
+    Attributes:
+        name: stem of the table's files.
+        title: what it shows.
+        metric, index: our metric of the same thing, as in results.csv, taken at the estimate.
+        unit: unit of the published figures, in words.
+        rows: per statistic over the units of a method, the published figure by method label.
+        note: what a reader must know to compare.
+        source: where it is printed.
+    """
+
+    name: str
+    title: str
+    metric: str
+    index: str
+    unit: str
+    rows: dict[str, dict[str, float]]
+    note: str
+    source: str
+
+
+@dataclass(frozen=True)
 class Study:
     """Everything that a report shows.
 
@@ -76,6 +100,8 @@ class Study:
         reproduce: lines to type to get the same results again.
         warnings: what a reader must know first, in sentences.
         citations: the papers behind the methods that ran.
+        published: published tables that ours stand beside.
+        claims: what their source claims, in sentences.
     """
 
     title: str
@@ -87,6 +113,8 @@ class Study:
     reproduce: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     citations: list[str] = field(default_factory=list)
+    published: list[PublishedFacts] = field(default_factory=list)
+    claims: list[str] = field(default_factory=list)
 
     def dataset(self, name: str) -> DatasetFacts | None:
         """Facts about one dataset; None where none were given."""

@@ -15,26 +15,31 @@ from noiseid_cli.report.build import (
     std_table,
     summary_table,
 )
+from noiseid_cli.report.comparison import recovery_table, score_table
+from noiseid_cli.report.published import published_tables
 from noiseid_cli.report.study import Study
 from noiseid_cli.report.tables import Table
 
 
 def terminal_tables(study: Study) -> list[Table]:
-    """How the units ended, before and after, the standard deviations, and the agreement of several starts.
+    """How the units ended, before and after, the standard deviations, the agreement of several starts.
 
-    R is shown where it was estimated, and the innovations per output where no truth is known to compare with.
+    R is shown where it was estimated, the innovations per output where no truth is known to compare with, and published
+    figures beside ours. Many units are summed up method by method.
     """
     if not study.results:
         return []
     many = len(study.results) > MANY
-    std = std_summary_table if many else std_table
-    tables = [summary_table(study) if many else _without_reasons(ending_table(study)), before_after_table(study)]
-    tables.append(std(study, "Q"))
+    if many:
+        tables = [summary_table(study), score_table(study), recovery_table(study), std_summary_table(study, "Q")]
+    else:
+        tables = [_without_reasons(ending_table(study)), before_after_table(study), std_table(study, "Q")]
     if any(not np.array_equal(r.estimate.start.R, r.estimate.final.R) for r in study.results):
-        tables.append(std(study, "R"))
+        tables.append(std_summary_table(study, "R") if many else std_table(study, "R"))
     if not many and all(r.Q_true is None for r in study.results):
         tables.append(consistency_table(study))
-    return [*tables, starts_table(study)] if start_groups(study) else tables
+    tables += [starts_table(study)] if start_groups(study) else []
+    return [table for table in (*tables, *published_tables(study)) if table is not None]
 
 
 def _without_reasons(table: Table) -> Table:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from noiseid_cli.diagnostics.evaluation import Evaluation
 from noiseid_cli.models.recording import Array
 from noiseid_cli.outcome import UnitResult
 from noiseid_cli.report.reading import (
@@ -21,7 +22,7 @@ from noiseid_cli.report.study import Study
 from noiseid_cli.report.tables import Cell, Column, Missing, Table, number
 
 HEADINGS = (
-    "unit", "dataset", "method", "start", "start_scale", "replicate", "status",
+    "unit", "dataset", "method", "start", "start_label", "replicate", "status",
     "at", "metric", "index", "value", "value_unit", "note",
 )  # fmt: skip
 
@@ -38,7 +39,7 @@ def tidy_table(study: Study) -> Table:
             result.dataset,
             result.method_label,
             result.start_index,
-            float(result.start_scale),
+            result.start_label,
             result.replicate,
             result.estimate.status,
         )
@@ -57,7 +58,13 @@ def _rows(result: UnitResult, study: Study) -> Iterator[Row]:
     yield "", "seed", "", result.seed, ""
     for at in PLACES:
         yield from _covariance_rows(result, at)
-        yield from _evaluation_rows(result, at, study.path_unit())
+        found = result.evaluations.get(at)
+        if found is not None:
+            yield from _evaluation_rows(result, at, found, study.path_unit())
+        elif at != "truth":
+            yield at, "loglik", "", loglik(result, at), ""
+    for label, found in result.held_out.items():
+        yield from _evaluation_rows(result, f"held_out_{label}", found, study.path_unit())
 
 
 def _covariance_rows(result: UnitResult, at: At) -> Iterator[Row]:
@@ -79,12 +86,15 @@ def _matrix_rows(at: At, kind: str, covariance: Array, names: Names) -> Iterator
                 yield at, f"{kind}_correlation", pair, float(rho[i, j]), ""
 
 
-def _evaluation_rows(result: UnitResult, at: At, path_unit: str) -> Iterator[Row]:
-    found = result.evaluations.get(at)
-    if found is None:
-        if at != "truth":
-            yield at, "loglik", "", loglik(result, at), ""
-        return
+def metric_value(result: UnitResult, metric: str, index: str, study: Study) -> tuple[float | None, str]:
+    """One figure of the estimate as results.csv has it, and its unit; None where there is no such figure."""
+    for at, name, entry, value, unit in _rows(result, study):
+        if (at, name, entry) in (("estimate", metric, index), ("", metric, index)):
+            return float(value), unit
+    return None, ""
+
+
+def _evaluation_rows(result: UnitResult, at: str, found: Evaluation, path_unit: str) -> Iterator[Row]:
     yield at, "loglik", "", found.loglik, ""
     yield at, "observed", "", found.observed, ""
     yield at, "nis", "", found.nis, ""

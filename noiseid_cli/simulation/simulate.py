@@ -15,6 +15,9 @@ from noiseid_cli.simulation.rollout import rollout
 STREAM = 0
 """First entry of the spawn key of every random stream of a simulation."""
 
+HELD_OUT = 1
+"""The same for tests that are held out."""
+
 
 def simulate(
     model: Model,
@@ -30,11 +33,12 @@ def simulate(
     x0: Array | None = None,
     P0: Array | None = None,
     name: str = "simulated",
+    stream: int = STREAM,
 ) -> Dataset:
     """Simulate tests that differ in their noise only.
 
-    Test i of a replicate draws from PCG64(SeedSequence(seed, spawn_key=(0, replicate, i))), i from 0, in this order:
-    standard normals for v, then for e, then for the first state. It thus depends on no other test or replicate.
+    Test i of a replicate draws from PCG64(SeedSequence(seed, spawn_key=(stream, replicate, i))), i from 0, in this
+    order: standard normals for v, then for e, then for the first state. It thus depends on no other test or replicate.
 
     Args:
         model: names and units for the dataset, and the sample time.
@@ -49,6 +53,7 @@ def simulate(
         x0: (nx,) mean of the first state; None for the plan's.
         P0: (nx, nx) covariance of the first state; None for a first state equal to its mean.
         name: label of the dataset.
+        stream: family of random streams, ``STREAM`` or ``HELD_OUT``.
 
     Raises:
         DataError: a covariance has the wrong shape or a negative eigenvalue, or the state leaves the finite numbers.
@@ -66,7 +71,7 @@ def simulate(
     dt = model.sample_time
     recordings = []
     for test in range(tests):
-        rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(STREAM, replicate, test))))
+        rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(stream, replicate, test))))
         v = rng.standard_normal((samples - 1, compiled.nv)) @ chol_Q.T
         e = rng.standard_normal((samples, compiled.ny)) @ chol_R.T
         first = mean + chol_P0 @ rng.standard_normal(compiled.nx)

@@ -1,7 +1,8 @@
 """Result files: what one unit of work ended with.
 
 Format ``noiseid-result``, version 1. The root holds names and totals; ``start`` and ``final`` the noise values,
-``trace`` their history, ``evaluation/<label>`` how a filter with them agrees with the data, ``truth`` what made it.
+``trace`` their history, ``evaluation/<label>`` how a filter with them agrees with the data, ``held_out/<label>`` how
+with tests that no method has seen, ``truth`` what made it.
 """
 
 from __future__ import annotations
@@ -55,7 +56,8 @@ _EVALUATION: dict[str, tuple[tuple[str, ...], str]] = {
 }
 _PATH = "the performance output's unit"
 _SETTINGS = (
-    "unit", "dataset", "method_label", "method", "status", "reason", "start_index", "start_scale", "replicate", "seed"
+    "unit", "dataset", "method_label", "method", "status", "reason", "start_index", "start_label", "replicate", "seed",
+    "held_out_tests",
 )  # fmt: skip
 _OWN = ("settings", "safeguards", "created_by")
 _TAKEN = frozenset({"format", "format_version", *_SETTINGS, *_OWN})
@@ -87,9 +89,10 @@ def write_result(path: Path, result: UnitResult, attributes: dict[str, str]) -> 
         hdf5.set_attributes(file, attributes, _TAKEN)
         _fill_dimensions(file, result)
         _fill_estimate(file, result)
-        evaluations = file.create_group("evaluation", track_order=True)
-        for label, evaluation in result.evaluations.items():
-            _fill_evaluation(evaluations, label, evaluation)
+        for name, found in (("evaluation", result.evaluations), ("held_out", result.held_out)):
+            group = file.create_group(name, track_order=True)
+            for label, evaluation in found.items():
+                _fill_evaluation(group, label, evaluation)
 
     publish(path, hdf5.build(FORMAT, VERSION, fill))
 
@@ -179,12 +182,11 @@ def _result(file: h5py.File) -> UnitResult:
     names = {name: columns_of(file, name) for name in ("noise", "output", "state")}
     tests = labels_of(file, "test")
     sizes = {"test": len(tests)} | {name: len(columns) for name, columns in names.items()}
-    text = {name: str(file.attrs[name]) for name in ("unit", "dataset", "method_label")}
+    text = {name: str(file.attrs[name]) for name in ("unit", "dataset", "method_label", "start_label")}
     truth = file["truth"]
     return UnitResult(
         **text,
         start_index=int(file.attrs["start_index"]),
-        start_scale=float(file.attrs["start_scale"]),
         replicate=int(file.attrs["replicate"]),
         estimate=_estimate(file, sizes),
         evaluations={label: _evaluation(group, sizes) for label, group in file["evaluation"].items()},
@@ -196,6 +198,8 @@ def _result(file: h5py.File) -> UnitResult:
         R_true=truth["R"][()] if "R" in truth else None,
         seconds=float(file["unit_seconds"][()]),
         seed=int(file.attrs["seed"]),
+        held_out={label: _evaluation(group, sizes) for label, group in file["held_out"].items()},
+        held_out_tests=int(file.attrs["held_out_tests"]),
     )
 
 

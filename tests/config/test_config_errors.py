@@ -77,13 +77,13 @@ ONE_MISTAKE = [
     ("experiment: flexible_robot", "experiment: ../x", "experiment", "is not a label"),
     ("experiment: flexible_robot", "experiment: 2011", "experiment", "must be text, not 2011: put it in quotes"),
     ("experiment: flexible_robot", "", "experiment", "is missing: name of the experiment"),
-    ("seed: 2011", "seed: 1.5", "seed", "must be a whole number, not 1.5"),
-    ("seed: 2011", "seed: true", "seed", "must be a whole number, not true"),
-    ("seed: 2011", "seed: -1", "seed", "must be at least 0, not -1"),
-    ("seed: 2011", "seed: 0x1F", "seed", "not a decimal number"),
-    ("seed: 2011", "seed:", "seed", "is empty, but must be a whole number"),
-    ("seed: 2011", "seed:2011\nx: 1", "", "a colon is followed by a blank"),
-    ("seed: 2011", "Seed: 2011", "Seed", "did you mean seed?"),
+    ("seed: 2012", "seed: 1.5", "seed", "must be a whole number, not 1.5"),
+    ("seed: 2012", "seed: true", "seed", "must be a whole number, not true"),
+    ("seed: 2012", "seed: -1", "seed", "must be at least 0, not -1"),
+    ("seed: 2012", "seed: 0x1F", "seed", "not a decimal number"),
+    ("seed: 2012", "seed:", "seed", "is empty, but must be a whole number"),
+    ("seed: 2012", "seed:2011\nx: 1", "", "a colon is followed by a blank"),
+    ("seed: 2012", "Seed: 2011", "Seed", "did you mean seed?"),
     ("name: flexible_robot", "nam: flexible_robot", "model.nam", "did you mean name?"),
     ("name: flexible_robot", "class: A", "model", "file is missing"),
     ("name: flexible_robot", "file: a.py", "model", "class is missing"),
@@ -158,7 +158,7 @@ def test_the_choice_of_data_is_checked_beside_other_mistakes(problems):
 
 
 def test_a_faulty_value_is_complained_about_once(problems):
-    found = problems(STARTER.replace("samples: 4000", "samples: 010").replace("seed: 2011", "seed: !!int 3"))
+    found = problems(STARTER.replace("samples: 4000", "samples: 010").replace("seed: 2012", "seed: !!int 3"))
     assert [(p.line, p.path) for p in found] == [(4, "seed"), (10, "simulate.samples")]
 
 

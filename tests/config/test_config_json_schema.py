@@ -74,8 +74,8 @@ def test_shipped_experiments_pass(file):
 @pytest.mark.parametrize(
     ("old", "new"),
     [
-        ("seed: 2011", "sed: 2011"),
-        ("seed: 2011", "seed: -1"),
+        ("seed: 2012", "sed: 2011"),
+        ("seed: 2012", "seed: -1"),
         ("experiment: flexible_robot", "experiment: ../x"),
         ("samples: 4000", "samples: 4000.5"),
         ("samples: 4000", "samples: '4000'"),

@@ -42,8 +42,8 @@ def test_defaults_are_filled_in():
 
 SAME = [
     ("# A flexible", "# Another"),
-    ("seed: 2011\n", ""),
-    ("seed: 2011", "seed: 2011.0"),
+    ("seed: 2012\n", ""),
+    ("seed: 2012", "seed: 2012.0"),
     ("[50, 20, 30, 15]", "[50.0, 2e1, 3.0E+1, 15.]"),
     ("samples: 4000", "tests: 1\n  samples: 4e3"),
     ("{kind: square, corner: [1.2, 0.7], side: 0.2,", "{side: 0.2, kind: 'square', corner: [1.2, 0.7],"),

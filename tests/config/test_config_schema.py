@@ -9,6 +9,7 @@ from pydantic import ValidationError
 from noiseid_cli.config.covariance import Covariance, smallest_eigenvalue
 from noiseid_cli.config.load import load_experiment
 from noiseid_cli.config.methods import METHOD_OPTIONS, MethodOptions
+from noiseid_cli.errors import ConfigError
 
 SIMULATED = """
 experiment: all.options_1
@@ -23,6 +24,7 @@ simulate:
   process_noise: {std: [1, 2], correlation: [[1, -0.5], [-0.5, 1]]}
   measurement_noise: {full: [[2, 1], [1, 2]]}
   initial_state: [0.1, -0.2]
+  held_out: {tests: 2, trajectory: {kind: steps, amplitude: [3, 4], hold: 0.5}}
 estimate:
   process_noise: {start: {diag: [1, 4]}, structure: {blocks: [[a], [b]]}, fixed: [a, [a, b]]}
   measurement_noise: {start: {std: [1, 2]}, structure: scale}
@@ -33,6 +35,7 @@ estimate:
     em:
     slow:
       method: em
+      structure: diagonal
       linearisation: filtered
       acceleration: none
       max_passes: 7
@@ -40,7 +43,10 @@ estimate:
       parameter_tolerance: 1e-6
       stop: loglik
       fall_tolerance: 0.5
-report: {title: "Ä title", formats: [svg, md]}
+    path: {method: alg2, optimiser: nelder_mead, max_passes: 9, parameter_tolerance: 0.1, objective_tolerance: 0.2,
+      lambda_span: 10}
+    iterate: {method: alg3, max_passes: 8, parameter_tolerance: 0.3, zero_tolerance: 0.4}
+report: {title: "Ä title", formats: [svg, md], published: there.yaml}
 """
 
 IMPORTED = """
@@ -93,6 +99,7 @@ def test_every_option_of_a_simulation(tmp_path):
     motion = simulate.trajectory
     assert (motion.amplitude, motion.lowest, motion.highest, motion.lines) == ((1.0, 0.0), 0.1, 20.0, 7)
     assert simulate.initial_state == (0.1, -0.2)
+    assert (simulate.held_out.tests, simulate.held_out.trajectory.hold) == (2, 0.5)
     estimate = got.estimate
     assert estimate.process_noise.structure.blocks == (("a",), ("b",))
     assert estimate.process_noise.fixed == ("a", ("a", "b"))
@@ -100,9 +107,10 @@ def test_every_option_of_a_simulation(tmp_path):
     assert estimate.initial_mean.start == (0.0, 1.0)
     assert (estimate.initial_covariance.structure, estimate.initial_covariance.fixed) == ("diagonal", ("x",))
     assert (estimate.starts.scale, estimate.starts.measurement_scale) == ((0.1, 1.0, 10.0), (1.0, 2.0, 3.0))
-    assert list(estimate.methods) == ["em", "slow"]
+    assert list(estimate.methods) == ["em", "slow", "path", "iterate"]
     assert estimate.methods["slow"].model_dump() == {
         "method": "em",
+        "structure": "diagonal",
         "linearisation": "filtered",
         "acceleration": "none",
         "max_passes": 7,
@@ -111,7 +119,68 @@ def test_every_option_of_a_simulation(tmp_path):
         "stop": "loglik",
         "fall_tolerance": 0.5,
     }
+    assert estimate.methods["path"].model_dump() == {
+        "method": "alg2",
+        "structure": None,
+        "optimiser": "nelder_mead",
+        "max_passes": 9,
+        "parameter_tolerance": 0.1,
+        "objective_tolerance": 0.2,
+        "lambda_span": 10.0,
+    }
+    assert estimate.methods["iterate"].model_dump() == {
+        "method": "alg3",
+        "structure": None,
+        "max_passes": 8,
+        "parameter_tolerance": 0.3,
+        "zero_tolerance": 0.4,
+    }
     assert (got.report.title, got.report.formats) == ("Ä title", ("svg", "md"))
+    assert got.report.published == "there.yaml"
+
+
+DRAWN = """
+experiment: drawn
+model: {name: robot}
+simulate:
+  samples: 10
+  trajectory: {kind: zero}
+  process_noise: {std: [1]}
+  measurement_noise: {std: [1]}
+estimate:
+  process_noise: {start: {std: [1]}}
+  measurement_noise: {known: {std: [1]}}
+  initial_mean: {known: truth}
+  initial_covariance: {known: {std: [1]}}
+  starts: STARTS
+"""
+
+
+@pytest.mark.parametrize(
+    ("starts", "factors"),
+    [
+        ("{draw: {count: 4, factors: {kind: log_uniform, lowest: 0.1, highest: 5}}}", {"lowest": 0.1, "highest": 5.0}),
+        ("{draw: {count: 4, factors: {kind: log_normal, spread: 3}}}", {"spread": 3.0}),
+    ],
+)
+def test_drawn_starts(tmp_path, starts, factors):
+    draw = read(tmp_path, DRAWN.replace("STARTS", starts)).experiment.estimate.starts.draw
+    assert draw.count == 4
+    assert draw.factors.model_dump(exclude={"kind"}) == factors
+
+
+@pytest.mark.parametrize(
+    ("starts", "text"),
+    [
+        ("{draw: {count: 0, factors: {kind: log_normal, spread: 3}}}", "count"),
+        ("{draw: {count: 1, factors: {kind: log_normal, spread: 1}}}", "spread"),
+        ("{draw: {count: 1, factors: {kind: log_uniform, lowest: 2, highest: 1}}}", "must be above lowest"),
+        ("{scale: [2], draw: {count: 1, factors: {kind: log_normal, spread: 2}}}", "takes the place of scale"),
+    ],
+)
+def test_drawn_starts_that_make_no_sense(tmp_path, starts, text):
+    with pytest.raises(ConfigError, match=text):
+        read(tmp_path, DRAWN.replace("STARTS", starts))
 
 
 def test_every_option_of_an_import(tmp_path):

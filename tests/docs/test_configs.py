@@ -9,6 +9,10 @@ from noiseid_cli.app import app
 
 CONFIGS = sorted((Path(__file__).parents[2] / "configs").glob("*.yaml"))
 SHORT = {
+    "axelsson2011": ["--set", "simulate.samples=150", "--set", "estimate.starts.draw.count=2",
+                     "--set", "simulate.held_out.tests=1", "--set", "estimate.methods.alg3-full.max_passes=3"],
+    "axelsson2011_replicates": ["--set", "simulate.samples=150", "--set", "simulate.replicates=2",
+                                "--set", "simulate.held_out.tests=1"],
     "quickstart": ["--set", "simulate.samples=150", "--set", "estimate.methods.em-plain.max_passes=4"],
     "double_pendulum_measured": ["--set", "import.recordings.excited.rows=[1, 400]",
                                  "--set", "import.recordings.swing_up.rows=[1, 400]"],

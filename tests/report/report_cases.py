@@ -118,7 +118,7 @@ def unit(
         dataset=dataset or "simulated",
         method_label=method,
         start_index=start,
-        start_scale=scale,
+        start_label=f"× {scale:g}",
         replicate=replicate,
         estimate=estimate,
         evaluations=evaluations,

@@ -42,12 +42,13 @@ def test_every_file_is_there(written):
         "endings",
         "std-process-noise",
         "starts",
+        "scores",
         "consistency",
         "parameters",
         "datasets",
     }
     assert {f"tables/{name}.{kind}" for name in tables for kind in ("csv", "tex")} <= names
-    figures = {"convergence", "std-process-noise", "path-error", "nis", "autocorrelation"}
+    figures = {"best-paths", "convergence", "std-process-noise", "path-error", "nis", "autocorrelation"}
     assert {n for n in names if n.startswith("figures/")} == {
         f"figures/{f}.{k}" for f in figures for k in ("svg", "png")
     }
@@ -69,7 +70,7 @@ def test_page_is_self_contained(written):
     assert len(ids) == len(set(ids))
     references = set(re.findall(r'href="#([^"]+)"|url\(#([^)]+)\)', html))
     assert {a or b for a, b in references} <= set(ids)
-    assert html.count("<svg ") == 5
+    assert html.count("<svg ") == 6
     assert "currentColor" in html
     assert "#1b1f24" not in re.sub(r"<style>.*?</style>", "", html, count=1, flags=re.DOTALL)
 
@@ -81,6 +82,7 @@ def test_headings_come_in_order(written):
         "The estimate: before and after",
         "Which standard deviations?",
         "Do the starts agree?",
+        "How do the methods compare?",
         "How was the estimate reached?",
         "Does the filter agree with the data?",
         "Which model?",
@@ -107,7 +109,7 @@ def test_formats_choose_the_files(simulated, tmp_path, monkeypatch, formats):
     assert kinds == set(formats)
     assert (files.html is not None, files.markdown is not None) == ("html" in formats, "md" in formats)
     assert not files.figures
-    assert drawn == (["html"] * 5 if "html" in formats else [])
+    assert drawn == (["html"] * 6 if "html" in formats else [])
 
 
 @pytest.mark.parametrize("kind", ["svg", "png"])
@@ -115,7 +117,7 @@ def test_markdown_links_figures_that_are_there(simulated, tmp_path, monkeypatch,
     make_report_without_drawing(monkeypatch)
     files = make_report(simulated, tmp_path, ("md", kind))
     links = re.findall(r"\]\((figures/[^)]+)\)", files.markdown.read_text())
-    assert len(links) == 5
+    assert len(links) == 6
     assert all((tmp_path / link).is_file() and link.endswith(kind) for link in links)
     assert {p.suffix for p in files.figures} == {f".{kind}"}
 

@@ -225,7 +225,8 @@ def test_starts_are_compared_within_one_dataset(simulated, many):
 def test_many_units_get_means_and_a_few_examples(many):
     assert [t.name for t in terminal_tables(many)] == [
         "summary",
-        "before-after",
+        "scores",
+        "recovery",
         "std-process-noise-means",
         "starts",
     ]

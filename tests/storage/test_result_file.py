@@ -61,11 +61,12 @@ def results(draw):
     )  # fmt: skip
     columns = lambda letter, size: tuple((f"{letter}{k}", "N m", "a torque") for k in range(size))  # noqa: E731
     return UnitResult(
-        "replicate-000/em/start-0", "demo", "em-plain", 1, 0.01, 3, estimate,
+        "replicate-000/em/start-0", "demo", "em-plain", 1, "× 0.01", 3, estimate,
         {label: evaluation(label) for label in ("start", "estimate", "truth")},
         columns("v", nv), columns("y", ny), columns("x", nx), tuple(f"test-{k}" for k in range(tests)),
         part(nv, nv) if draw(st.booleans()) else None, part(ny, ny) if draw(st.booleans()) else None,
         12.5, 2**127 + 1,
+        {label: evaluation(label) for label in ("start", "estimate") if draw(st.booleans())}, 3,
     )  # fmt: skip
 
 
@@ -94,7 +95,7 @@ def example(n=1000, passes=5):
         "state_names": (("q", "rad", "angle"), ("dq", "rad/s", "speed"), ("b", "N m", "bias")),
     }
     return UnitResult(
-        "replicate-000/em/start-0", "demo", "em", 0, 1.0, 0, estimate, {"estimate": evaluation}, **columns,
+        "replicate-000/em/start-0", "demo", "em", 0, "× 1", 0, estimate, {"estimate": evaluation}, **columns,
         test_names=("a",), Q_true=np.eye(2), R_true=None, seconds=1.0, seed=1,
     )  # fmt: skip
 

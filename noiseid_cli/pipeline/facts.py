@@ -1,0 +1,75 @@
+"""What a report says about model, data and published figures, besides the results."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from noiseid_cli.pipeline.context import Context
+
+if TYPE_CHECKING:
+    from noiseid_cli.models.recording import Dataset
+    from noiseid_cli.report import DatasetFacts, ModelFacts, PublishedFacts
+
+
+def model_facts(context: Context) -> ModelFacts:
+    """The model in words, with its equations and parameters."""
+    from noiseid_cli.models.describe import describe
+    from noiseid_cli.report import ModelFacts, ParameterFact
+
+    description = describe(context.model)
+    return ModelFacts(
+        name=description.name,
+        description=description.summary,
+        equations=tuple(equation.text for equation in description.equations),
+        parameters=tuple(
+            ParameterFact(p.name, p.value, p.unit, p.description, p.source) for p in context.model.parameters_in_force
+        ),
+    )
+
+
+def dataset_facts(context: Context, dataset: Dataset) -> DatasetFacts:
+    """A dataset in words and sizes."""
+    import numpy as np
+
+    from noiseid_cli.report import DatasetFacts
+
+    values = sum(r.y.size for r in dataset.recordings)
+    missing = sum(int(np.isnan(r.y).sum()) for r in dataset.recordings)
+    units = {unit for _, unit, _ in dataset.performances}
+    simulated = context.experiment.simulate
+    return DatasetFacts(
+        name=dataset.name,
+        origin="imported" if simulated is None else f"simulated, trajectory {simulated.trajectory.kind}",
+        tests=len(dataset.recordings),
+        samples=sum(r.samples for r in dataset.recordings),
+        duration=float(sum(r.dt.sum() for r in dataset.recordings)),
+        missing_share=missing / values,
+        notes=dataset.notes,
+        times=tuple(r.time for r in dataset.recordings),
+        performance_unit=units.pop() if len(units) == 1 else "",
+    )
+
+
+def published_facts(context: Context) -> tuple[list[PublishedFacts], list[str]]:
+    """Published tables to stand beside ours, and what their source claims."""
+    from noiseid_cli.config.published import load_published
+    from noiseid_cli.report import PublishedFacts
+
+    file = context.experiment.report.published
+    if file is None:
+        return [], []
+    published = load_published(context.loaded.resolve(file))
+    facts = [
+        PublishedFacts(
+            name,
+            t.title,
+            t.metric,
+            t.index,
+            t.unit,
+            {str(k): v for k, v in t.rows.items()},
+            t.note or "",
+            published.source,
+        )
+        for name, t in published.tables.items()
+    ]
+    return facts, list(published.claims)

@@ -1,0 +1,108 @@
+"""One unit of work: made, and told of in a token."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, Protocol
+
+from noiseid_cli.errors import NoiseidError
+from noiseid_cli.pipeline.context import Context
+from noiseid_cli.pipeline.units import DatasetUnit, EstimateUnit
+from noiseid_cli.pipeline.wording import counted
+
+Unit = DatasetUnit | EstimateUnit
+State = Literal["made", "there", "to do", "failed"]
+
+
+@dataclass(frozen=True)
+class Token:
+    """How one unit ended.
+
+    Attributes:
+        unit: its name.
+        path: its file.
+        state: ``made`` now, ``there`` already, still ``to do``, or ``failed`` without a usable file.
+        message: for ``failed``, why; else a short result.
+        status: of an estimate, see ``estimators.estimate.Status``; empty for a dataset.
+        seconds: wall-clock time.
+    """
+
+    unit: str
+    path: Path
+    state: State
+    message: str = ""
+    status: str = ""
+    seconds: float = 0.0
+
+    @property
+    def unfinished(self) -> bool:
+        """An estimate is there, but it did not converge."""
+        return self.status not in ("", "converged")
+
+
+class Listener(Protocol):
+    """Is told what goes on."""
+
+    def stage(self, name: str, total: int, there: int) -> None:
+        """A stage begins, with so many units of which some are there already."""
+
+    def begin(self, unit: str) -> None:
+        """A unit begins."""
+
+    def passed(self, unit: str, passes: int, loglik: float) -> None:
+        """An estimation unit has passed over its data once more."""
+
+    def end(self, token: Token) -> None:
+        """A unit has ended."""
+
+    def say(self, sentence: str) -> None:
+        """Something worth a sentence; a listener leaves out what it has heard before."""
+
+
+def found(unit: Unit) -> Token:
+    """Token of a unit that is there; its status is read from its file."""
+    from noiseid_cli.storage.result_file import read_result_attributes
+
+    if isinstance(unit, DatasetUnit):
+        return Token(unit.name, unit.path, "there")
+    try:
+        status = read_result_attributes(unit.path)["status"]
+    except NoiseidError as error:
+        return Token(unit.name, unit.path, "failed", str(error))
+    return Token(unit.name, unit.path, "there", status, status)
+
+
+def make(context: Context, unit: Unit, listener: Listener) -> Token:
+    """Run one unit; an error that it raises on purpose becomes its token."""
+    from noiseid_cli.pipeline.kernels import kernels_announced
+
+    listener.begin(unit.name)
+    began = time.perf_counter()
+    try:
+        with kernels_announced(listener.say):
+            if isinstance(unit, DatasetUnit):
+                message, status = _make_dataset(context, unit), ""
+            else:
+                message, status = _make_estimate(context, unit, listener)
+    except NoiseidError as error:
+        return Token(unit.name, unit.path, "failed", str(error), seconds=time.perf_counter() - began)
+    return Token(unit.name, unit.path, "made", message, status, time.perf_counter() - began)
+
+
+def _make_dataset(context: Context, unit: DatasetUnit) -> str:
+    from noiseid_cli.pipeline.datasets import make_dataset
+
+    recordings = make_dataset(context, unit).recordings
+    return f"{counted(len(recordings), 'test')}, {counted(sum(r.samples for r in recordings), 'sample')}"
+
+
+def _make_estimate(context: Context, unit: EstimateUnit, listener: Listener) -> tuple[str, str]:
+    from noiseid_cli.pipeline.estimation import make_estimate
+
+    estimate = make_estimate(context, unit, lambda k, loglik: listener.passed(unit.name, k, loglik)).estimate
+    if estimate.loglik != estimate.loglik:  # not a number: it has not even begun
+        return f"{estimate.status}: {estimate.reason}", estimate.status
+    after = f"after {counted(estimate.passes, 'pass', 'passes')}"
+    return f"{estimate.status} {after}, log-likelihood {estimate.loglik:.2f}", estimate.status

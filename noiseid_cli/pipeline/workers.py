@@ -1,0 +1,202 @@
+"""Worker processes: each is handed one unit at a time through a pipe, and tells through it what goes on.
+
+A worker that dies (for want of memory, say) fails its unit only. An interrupt is the parent's affair: workers never
+see Ctrl-C, and are ended by the parent at once. If the parent itself is killed, they notice at their next word.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import signal
+import traceback
+from collections import deque
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from multiprocessing import connection, resource_tracker
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from typing import Any
+
+from noiseid_cli.errors import DataError, NoiseidError
+from noiseid_cli.pipeline.context import Context, Say, open_experiment
+from noiseid_cli.pipeline.making import Listener, Token, Unit, make
+
+_DIED = (
+    "its worker process died with exit code {} (killed for want of memory?): "
+    "run the same command again, with fewer --jobs if memory is short"
+)
+
+
+class WorkerError(Exception):
+    """A bug showed in a worker process; the text is its traceback."""
+
+
+@dataclass(frozen=True)
+class _Recipe:
+    """What a worker needs to open the experiment again, and to see that it is still the same."""
+
+    file: Path
+    root: Path
+    overrides: tuple[str, ...]
+    seed: int | None
+    fingerprint: str
+
+    def open(self, say: Say) -> Context:
+        """Open the experiment.
+
+        Raises:
+            NoiseidError: it cannot be opened any more, or it is another one by now.
+        """
+        context = open_experiment(self.file, self.root, self.overrides, self.seed, say)
+        if context.fingerprint != self.fingerprint:
+            raise DataError(f"{self.file} or its model was changed while this run started: run the same command again")
+        return context
+
+
+class _Teller:
+    """The listener inside a worker: hands on to the parent what it is told."""
+
+    def __init__(self, pipe: Connection) -> None:
+        self._pipe = pipe
+
+    def stage(self, name: str, total: int, there: int) -> None:
+        self._pipe.send(("stage", name, total, there))
+
+    def begin(self, unit: str) -> None:
+        self._pipe.send(("begin", unit))
+
+    def passed(self, unit: str, passes: int, loglik: float) -> None:
+        self._pipe.send(("passed", unit, passes, loglik))
+
+    def end(self, token: Token) -> None:
+        self._pipe.send(("end", token))
+
+    def say(self, sentence: str) -> None:
+        self._pipe.send(("say", sentence))
+
+
+def _work(recipe: _Recipe, pipe: Connection) -> None:
+    """Life of a worker: take a unit, make it, tell the end."""
+    teller = _Teller(pipe)
+    context: Context | None = None
+    # The pipe breaks when the parent is gone: there is nobody left to work for.
+    with suppress(EOFError, BrokenPipeError, ConnectionResetError):
+        while True:
+            unit: Unit = pipe.recv()
+            try:
+                context = context or recipe.open(teller.say)
+                teller.end(make(context, unit, teller))
+            except NoiseidError as error:
+                teller.end(Token(unit.name, unit.path, "failed", str(error)))
+            except (BrokenPipeError, ConnectionResetError):
+                raise
+            except Exception:  # a bug: the parent reports it
+                pipe.send(("bug", traceback.format_exc()))
+
+
+@dataclass
+class _Worker:
+    """A worker as the parent sees it."""
+
+    process: BaseProcess
+    pipe: Connection
+    unit: Unit
+
+
+def in_processes(context: Context, units: Sequence[Unit], listener: Listener, workers: int) -> Generator[Token]:
+    """Make units in worker processes; tokens come in the order in which the units end.
+
+    Closing this generator ends the workers at once.
+
+    Args:
+        context: the opened experiment; each worker opens it again.
+        units: what to make.
+        listener: is told what goes on.
+        workers: number of processes.
+
+    Raises:
+        WorkerError: a bug showed in a worker.
+    """
+    loaded = context.loaded
+    recipe = _Recipe(loaded.file.absolute(), context.root, context.overrides, context.seed, context.fingerprint)
+    waiting = deque(units)
+    crew: list[_Worker] = []
+    try:
+        while waiting and len(crew) < workers:
+            crew.append(_hire(recipe, waiting.popleft()))
+        while crew:
+            ready: list[Any] = connection.wait([worker.pipe for worker in crew])
+            for worker in [w for w in crew if w.pipe in ready]:
+                token = _hear(worker, listener)
+                if token is None:
+                    continue
+                yield token
+                dead = worker.pipe.closed
+                if waiting and not dead:
+                    _hand_over(worker, waiting.popleft())
+                    continue
+                crew.remove(worker)
+                if dead and waiting:
+                    crew.append(_hire(recipe, waiting.popleft()))
+                elif not dead:
+                    _dismiss(worker)
+    finally:
+        for worker in crew:
+            _dismiss(worker)
+
+
+def _hear(worker: _Worker, listener: Listener) -> Token | None:
+    """One message of a worker; a token if its unit has ended. The pipe of a dead worker is closed."""
+    try:
+        what, *told = worker.pipe.recv()
+    except (EOFError, OSError):
+        worker.process.join()
+        worker.pipe.close()
+        return Token(worker.unit.name, worker.unit.path, "failed", _DIED.format(worker.process.exitcode))
+    if what == "bug":
+        raise WorkerError(told[0])
+    if what == "end":
+        token: Token = told[0]
+        return token
+    getattr(listener, what)(*told)
+    return None
+
+
+def _hire(recipe: _Recipe, unit: Unit) -> _Worker:
+    """Start a worker on its first unit."""
+    spawn = multiprocessing.get_context("spawn")
+    ours, theirs = spawn.Pipe()
+    process = spawn.Process(target=_work, args=(recipe, theirs), daemon=True)
+    with _interrupts_blocked():
+        process.start()
+    theirs.close()
+    worker = _Worker(process, ours, unit)
+    _hand_over(worker, unit)
+    return worker
+
+
+def _hand_over(worker: _Worker, unit: Unit) -> None:
+    worker.unit = unit
+    # A worker that has just died is found out when it is listened to.
+    with suppress(BrokenPipeError, ConnectionResetError):
+        worker.pipe.send(unit)
+
+
+def _dismiss(worker: _Worker) -> None:
+    worker.process.terminate()
+    worker.process.join()
+    worker.pipe.close()
+
+
+@contextmanager
+def _interrupts_blocked() -> Iterator[None]:
+    """Hold Ctrl-C back: processes started here inherit that, and never see one; this one sees it afterwards."""
+    # Python's own helper process unblocks signals when it starts: let that be over before.
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -1,0 +1,125 @@
+"""Runs that are ended from outside: quickly, without a traceback, and to be gone on with."""
+
+import os
+import signal
+import subprocess
+import time
+
+import pytest
+from small_experiment import CONFIG, arrays_of, files_of, noiseid, write_experiment
+
+# Never at rest, so that a unit takes as long as its passes.
+RESTLESS = CONFIG.replace("em: {}", "em: {acceleration: none, parameter_tolerance: 0, max_passes: MOST}")
+
+
+def wait_for(what, seconds=30.0):
+    """Wait until something is true; fail if it never is."""
+    end = time.monotonic() + seconds
+    while not (found := what()):
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.02)
+    return found
+
+
+def processes():
+    """Number, parent, state and command line of every process."""
+    columns = ("-o", "pid=", "-o", "ppid=", "-o", "stat=", "-o", "args=")
+    listed = subprocess.run(["ps", "-A", *columns], capture_output=True, text=True, check=True)
+    rows = [line.split(None, 3) for line in listed.stdout.splitlines()]
+    return [(int(row[0]), int(row[1]), row[2], row[-1]) for row in rows]
+
+
+def workers_of(process):
+    """The worker processes that a command has started."""
+    return [pid for pid, parent, _, line in processes() if parent == process.pid and "spawn_main" in line]
+
+
+def none_alive(workers):
+    """Whether all have ended; a process that waits for its parent to take note has."""
+    return not any(pid in workers and not state.startswith("Z") for pid, _, state, _ in processes())
+
+
+def test_a_killed_run_goes_on_where_it_was(empty, started):
+    write_experiment(empty, RESTLESS.replace("MOST", "150").replace("samples: 80", "samples: 500\n  replicates: 3"))
+    assert noiseid("run", "-q", "-o", "whole").exit_code == 4  # none came to rest
+    folder = empty / "runs/small/results"
+    process = started("run")
+    wait_for(lambda: len(list(folder.glob("*.h5"))) >= 2)
+    process.kill()
+    assert "Traceback" not in process.communicate()[1]
+    before = files_of(folder)
+    assert 2 <= len(before) < 6
+    again = noiseid("run")
+    assert f"estimate: 6 units, {len([n for n in before if n.endswith('.h5')])} there already" in again.stderr
+    after = files_of(folder)
+    assert {n: t for n, t in before.items() if n.endswith(".h5")}.items() <= after.items()
+    assert sorted(after) == sorted(files_of(empty / "whole/small/results"))
+    for name in after:
+        assert arrays_of(folder / name) == arrays_of(empty / "whole/small/results" / name)
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
+def test_a_signal_ends_all_processes_at_once(empty, started, number, code):
+    write_experiment(empty, RESTLESS.replace("MOST", "1000000").replace("samples: 80", "samples: 2000"))
+    noiseid("simulate")
+    # A group of its own, as a terminal makes one: Ctrl-C reaches the workers too.
+    process = started("estimate", "--jobs", "2", "--verbose", start_new_session=True)
+    told = ""
+    while told.count("pass 3,") < 2:
+        told += process.stderr.readline()
+    workers = workers_of(process)
+    assert len(workers) == 2
+    began = time.monotonic()
+    os.killpg(process.pid, number) if number == signal.SIGINT else process.send_signal(number)
+    out, err = process.communicate(timeout=10)
+    assert time.monotonic() - began < 2.0
+    assert process.returncode == code
+    word = "interrupted" if number == signal.SIGINT else f"stopped by {number.name}"
+    assert err.splitlines()[-1] == (
+        f"noiseid: {word}; what is finished is kept, and the same command goes on from there"
+    )
+    assert "Traceback" not in err
+    assert out == ""
+    wait_for(lambda: none_alive(workers), 2.0)
+    assert noiseid("estimate", "--set", "estimate.methods.em.max_passes=2").exit_code == 4
+
+
+def test_ctrl_c_in_one_process(empty, started):
+    write_experiment(empty, RESTLESS.replace("MOST", "1000000").replace("samples: 80", "samples: 2000"))
+    process = started("run", "-v")
+    while "pass 3," not in process.stderr.readline():
+        pass
+    process.send_signal(signal.SIGINT)
+    err = process.communicate(timeout=10)[1]
+    assert process.returncode == 130
+    assert "Traceback" not in err
+    assert list((empty / "runs/small/datasets").glob("*.h5"))
+
+
+def test_workers_end_when_their_parent_is_killed(empty, started):
+    write_experiment(empty, RESTLESS.replace("MOST", "1000000").replace("samples: 80", "samples: 2000"))
+    noiseid("simulate")
+    process = started("estimate", "--jobs", "2", "--verbose")
+    told = ""
+    while told.count("pass 3,") < 2:
+        told += process.stderr.readline()
+    workers = workers_of(process)
+    process.kill()
+    process.communicate()
+    wait_for(lambda: none_alive(workers), 5.0)
+
+
+def test_a_worker_that_is_killed_fails_its_unit_only(empty, started):
+    write_experiment(empty, RESTLESS.replace("MOST", "300").replace("samples: 80", "samples: 2000"))
+    noiseid("simulate")
+    process = started("estimate", "--jobs", "2", "--verbose", "--set", "estimate.starts.scale=[1, 2, 3]")
+    told = ""
+    while "pass 3," not in told:
+        told += process.stderr.readline()
+    victim = workers_of(process)[0]
+    os.kill(victim, signal.SIGKILL)
+    _, err = process.communicate(timeout=30)
+    assert process.returncode == 4
+    assert err.count("its worker process died with exit code -9") == 1
+    assert "noiseid: estimate: 1 of 3 units failed" in err
+    assert len(list((empty / "runs/small/results").glob("*.h5"))) == 2

@@ -1,0 +1,135 @@
+"""Methods side by side: every figure of the tables is recomputed from the results."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import report_cases
+
+from noiseid_cli.report.comparison import (
+    best_paths_plot,
+    path_norm,
+    recovery_table,
+    score_table,
+    start_paths_plots,
+)
+from noiseid_cli.report.published import published_sentences, published_tables
+from noiseid_cli.report.sections import sections
+from noiseid_cli.report.study import PublishedFacts
+from noiseid_cli.report.tables import Missing
+from noiseid_cli.report.tidy import metric_value, tidy_table
+
+
+def with_held_out(result, tests=3):
+    """The result with held-out evaluations of three times the path error."""
+    held = {k: replace(e, path_error_norm=3 * e.path_error_norm, nis=2 * e.nis) for k, e in result.evaluations.items()}
+    return replace(result, held_out=held, held_out_tests=tests)
+
+
+@pytest.fixture(scope="module")
+def starts():
+    """Two methods from four starts each."""
+    units = [report_cases.unit(m, s, samples=240) for m in ("em", "em-plain") for s in range(4)]
+    return report_cases.study([with_held_out(u) for u in units], samples=240)
+
+
+@pytest.fixture(scope="module")
+def replicates():
+    """One method on five replicates, two starts each."""
+    units = [report_cases.unit("em", s, replicate=r, samples=120, dataset=f"r{r}") for r in range(5) for s in range(2)]
+    return report_cases.study(units, samples=120)
+
+
+def test_scores_are_the_extremes_over_the_units(starts):
+    table = score_table(starts)
+    for row in table.rows[:-1]:
+        units = [r for r in starts.results if r.method_label == row[0]]
+        ends = [u.evaluations["estimate"].path_error_norm for u in units]
+        assert row[2:5] == (max(ends), min(ends), max(ends) / min(ends))
+        assert row[5] == np.mean([u.evaluations["estimate"].nis for u in units])
+        assert row[6:8] == (3 * max(ends) / np.sqrt(3), 3 * min(ends) / np.sqrt(3))
+        assert row[8] == np.mean([2 * u.evaluations["estimate"].nis for u in units])
+    truth = starts.results[0].evaluations["truth"].path_error_norm
+    assert table.rows[-1][:4] == ("truth", "–", truth, truth)
+
+
+def test_without_held_out_tests_there_are_no_columns_for_them(starts):
+    plain = replace(starts, results=[replace(r, held_out={}, held_out_tests=0) for r in starts.results])
+    assert len(score_table(plain).columns) == len(score_table(starts).columns) - 3
+
+
+def test_no_scores_without_a_true_path():
+    assert score_table(report_cases.measured(samples=60)) is None
+
+
+def test_recovery_averages_starts_and_spreads_over_replicates(replicates):
+    table = recovery_table(replicates)
+    assert len(table.rows) == 4
+    for i, row in enumerate(table.rows):
+        relative = []
+        for r in range(5):
+            units = [u for u in replicates.results if u.replicate == r]
+            truth = np.sqrt(units[0].Q_true[i, i])
+            relative.append(np.mean([np.sqrt(u.estimate.final.Q[i, i]) for u in units]) / truth - 1)
+        assert row[4] == 5
+        assert np.isclose(row[5], 100 * np.mean(relative))
+        assert np.isclose(row[6], 100 * np.std(relative, ddof=1) / np.sqrt(5))
+        assert np.isclose(row[7], 100 * np.std(relative, ddof=1))
+
+
+def test_recovery_needs_replicates(starts):
+    assert recovery_table(starts) is None
+
+
+def test_figures_of_path_errors(starts, replicates):
+    assert len(best_paths_plot(starts).figure.axes[0].lines) == 3  # two methods and the truth
+    plots = start_paths_plots(starts)
+    assert [p.name for p in plots] == ["start-paths-em", "start-paths-em-plain"]
+    assert all(len(p.figure.axes[0].lines) == 5 for p in plots)  # four starts and the truth
+    assert best_paths_plot(replicates) is None
+    assert start_paths_plots(replicates) == []
+
+
+def published(metric="path_error_norm", index=""):
+    rows = {"max": {"em": 0.3, "em-plain": 3.0, "absent": 6.0}, "std": {"em": 1.0}}
+    return PublishedFacts("one", "A table", metric, index, "not printed", rows, "Look out.", "A poster")
+
+
+def test_published_figures_stand_beside_ours(starts):
+    (table,) = published_tables(replace(starts, published=[published()]))
+    ends = {m: [path_norm(r) for r in starts.results if r.method_label == m] for m in ("em", "em-plain")}
+    assert table.rows[0][:5] == ("max", "em", 4, max(ends["em"]), 0.3)
+    assert table.rows[1][3:7] == (max(ends["em-plain"]), 3.0, max(ends["em-plain"]) / max(ends["em"]), 10.0)
+    assert isinstance(table.rows[2][3], Missing)
+    assert table.rows[3][3] == pytest.approx(np.std(ends["em"], ddof=1))
+    assert "Look out." in table.caption
+    assert "A poster" in table.caption
+
+
+def test_sentences_say_what_was_found(starts):
+    facts = replace(published(), rows={"max": {"em": 0.3, "em-plain": 3.0}, "min": {"em": 0.2, "em-plain": 1.0}})
+    ends = {m: [path_norm(r) for r in starts.results if r.method_label == m] for m in ("em", "em-plain")}
+    one, two = published_sentences(replace(starts, published=[facts]))
+    assert f"is {max(ends['em']) / min(ends['em']):.4g} here, 1.5 published." in one
+    assert f"its smallest is {min(ends['em-plain']) / min(ends['em']):.3g} times that of em here, 5 times" in two
+    assert published_sentences(replace(starts, published=[published()])) == []
+
+
+def test_any_metric_of_the_tidy_table_can_be_compared(starts):
+    value, unit = metric_value(starts.results[0], "process_noise_std", "va2", starts)
+    assert value == np.sqrt(starts.results[0].estimate.final.Q[1, 1])
+    assert unit == "N m"
+    assert metric_value(starts.results[0], "passes", "", starts)[0] == starts.results[0].estimate.passes
+    assert metric_value(starts.results[0], "no_such", "", starts) == (None, "")
+
+
+def test_held_out_figures_are_in_the_tidy_table(starts):
+    rows = [r for r in tidy_table(starts).rows if r[7] == "held_out_estimate" and r[8] == "path_error_norm"]
+    assert [r[10] for r in rows] == [r.held_out["estimate"].path_error_norm for r in starts.results]
+
+
+def test_sections_show_them(starts):
+    study = replace(starts, published=[published()], claims=["EM is best."])
+    found = {s.heading: s for s in sections(study)}
+    assert found["How do the methods compare?"].blocks[0] == score_table(study)
+    assert "EM is best." in found["How does this compare with what is published?"].blocks[-1].items
