@@ -6,6 +6,8 @@ import math
 from collections.abc import Callable
 from typing import Literal
 
+import numpy as np
+
 from noiseid_cli.outcome import UnitResult
 from noiseid_cli.report.reading import (
     PLACES,
@@ -205,11 +207,11 @@ def _spread(values: list[float]) -> Cell:
 
 
 def correlation_tables(study: Study) -> list[Table]:
-    """Correlations of the estimated process noise, for the best unit of each dataset and method."""
+    """Correlations of the estimated process noise, for the best unit of each dataset and method; none if all are 0."""
     tables = []
     for n, r in enumerate(best(study.results), 1):
         names = [name for name, _, _ in r.noise_names]
-        if len(names) < 2:
+        if np.count_nonzero(r.estimate.final.Q) <= len(names):
             continue
         rho = correlation(r.estimate.final.Q)
         rows = tuple(

@@ -118,10 +118,14 @@ def _count(n: int, noun: str) -> str:
 
 
 def _fate_of_R(study: Study) -> str:
-    kinds = {remark(r, "R", i) for r in study.results for i in range(len(r.output_names))}
+    kinds = _kinds_of_R(study)
     if "estimated" not in kinds:
         return "the covariance R of the measurement noise was held at the values given"
     return "so was the covariance R of the measurement noise" + (" in part" if "held" in kinds else "")
+
+
+def _kinds_of_R(study: Study) -> set[str]:
+    return {remark(r, "R", i) for r in study.results for i in range(len(r.output_names))}
 
 
 def _estimate(study: Study) -> tuple[Block, ...]:
@@ -139,7 +143,10 @@ def _deviations(study: Study) -> tuple[Block, ...]:
         return ()
     many = len(study.results) > build.MANY
     table = build.std_summary_table if many else build.std_table
-    return (table(study, "Q"), table(study, "R"), *build.correlation_tables(study))
+    # Of many units, an R that nobody estimated would be a long table of one value.
+    held = many and "estimated" not in _kinds_of_R(study)
+    tables = (table(study, "Q"),) if held else (table(study, "Q"), table(study, "R"))
+    return (*tables, *build.correlation_tables(study))
 
 
 def _starts(study: Study) -> tuple[Block, ...]:

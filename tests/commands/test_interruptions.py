@@ -21,10 +21,19 @@ def wait_for(what, seconds=30.0):
     return found
 
 
+def read_until(process, text, times=1):
+    """Read what a command says, until it has said something so often."""
+    told = ""
+    while told.count(text) < times:
+        line = process.stderr.readline()
+        assert line, f"it ended before it had said {text!r}: {told}"
+        told += line
+
+
 def processes():
     """Number, parent, state and command line of every process."""
     columns = ("-o", "pid=", "-o", "ppid=", "-o", "stat=", "-o", "args=")
-    listed = subprocess.run(["ps", "-A", *columns], capture_output=True, text=True, check=True)
+    listed = subprocess.run(["ps", "-A", "-ww", *columns], capture_output=True, text=True, check=True)
     rows = [line.split(None, 3) for line in listed.stdout.splitlines()]
     return [(int(row[0]), int(row[1]), row[2], row[-1]) for row in rows]
 
@@ -64,9 +73,7 @@ def test_a_signal_ends_all_processes_at_once(empty, started, number, code):
     noiseid("simulate")
     # A group of its own, as a terminal makes one: Ctrl-C reaches the workers too.
     process = started("estimate", "--jobs", "2", "--verbose", start_new_session=True)
-    told = ""
-    while told.count("pass 3,") < 2:
-        told += process.stderr.readline()
+    read_until(process, "pass 3,", 2)
     workers = workers_of(process)
     assert len(workers) == 2
     began = time.monotonic()
@@ -87,8 +94,7 @@ def test_a_signal_ends_all_processes_at_once(empty, started, number, code):
 def test_ctrl_c_in_one_process(empty, started):
     write_experiment(empty, RESTLESS.replace("MOST", "1000000").replace("samples: 80", "samples: 2000"))
     process = started("run", "-v")
-    while "pass 3," not in process.stderr.readline():
-        pass
+    read_until(process, "pass 3,")
     process.send_signal(signal.SIGINT)
     err = process.communicate(timeout=10)[1]
     assert process.returncode == 130
@@ -100,9 +106,7 @@ def test_workers_end_when_their_parent_is_killed(empty, started):
     write_experiment(empty, RESTLESS.replace("MOST", "1000000").replace("samples: 80", "samples: 2000"))
     noiseid("simulate")
     process = started("estimate", "--jobs", "2", "--verbose")
-    told = ""
-    while told.count("pass 3,") < 2:
-        told += process.stderr.readline()
+    read_until(process, "pass 3,", 2)
     workers = workers_of(process)
     process.kill()
     process.communicate()
@@ -113,9 +117,7 @@ def test_a_worker_that_is_killed_fails_its_unit_only(empty, started):
     write_experiment(empty, RESTLESS.replace("MOST", "300").replace("samples: 80", "samples: 2000"))
     noiseid("simulate")
     process = started("estimate", "--jobs", "2", "--verbose", "--set", "estimate.starts.scale=[1, 2, 3]")
-    told = ""
-    while "pass 3," not in told:
-        told += process.stderr.readline()
+    read_until(process, "pass 3,")
     victim = workers_of(process)[0]
     os.kill(victim, signal.SIGKILL)
     _, err = process.communicate(timeout=30)

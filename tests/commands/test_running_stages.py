@@ -80,7 +80,8 @@ def test_the_settings_kept_with_a_result_are_those_that_ran(small):
         assert json.loads(attributes["config"]) == loaded.resolved()
         result = read_result(path)
         assert result.seed == 9
-        assert result.estimate.settings == loaded.experiment.estimate.methods["em"].model_dump(exclude={"method"})
+        settings = loaded.experiment.estimate.methods["em"].model_dump(exclude={"method", "structure"})
+        assert result.estimate.settings == {"structure": "full", **settings}
         assert result.estimate.start.Q[0, 0] == pytest.approx({0: 0.1, 1: 10.0}[result.start_index], rel=1e-15)
         assert f"-{attributes['key'][:8]}." in path.name
 
