@@ -137,6 +137,19 @@ def left_solve(A, p, columns, X, w):  # type: ignore[no-untyped-def]
     return True
 
 
+@routine
+def absorb(total, rows, W, w):  # type: ignore[no-untyped-def]
+    """Triangularise [total; W[p:p + rows]] back into the upper factor ``total`` (p, p)."""
+    p = total.shape[0]
+    for r in range(p):
+        for c in range(p):
+            W[r, c] = total[r, c]
+    triangularise(W, p + rows, p, p, w)
+    for r in range(p):
+        for c in range(p):
+            total[r, c] = W[r, c]
+
+
 def upper_factor(P: NDArray[np.float64], what: str) -> NDArray[np.float64]:
     """Upper-triangular U with U'U = P, for a symmetric positive semidefinite P.
 

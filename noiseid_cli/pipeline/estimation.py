@@ -13,7 +13,7 @@ from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.outcome import UnitResult
 from noiseid_cli.pipeline.context import Context
 from noiseid_cli.pipeline.datasets import file_attributes
-from noiseid_cli.pipeline.methods import run_method
+from noiseid_cli.pipeline.methods import Task, run_method
 from noiseid_cli.pipeline.problem import pose
 from noiseid_cli.pipeline.units import EstimateUnit
 
@@ -87,7 +87,8 @@ def _run(
 
     settings = options.model_dump(exclude={"method", "structure"})
     try:
-        return run_method(options.method, context.compiled, dataset.recordings, start, unknowns, settings, progress)
+        task = Task(context.compiled, dataset.recordings, start, unknowns, settings, progress)
+        return run_method(options.method, task)
     except FilterDivergedError as error:
         return Estimate(
             method=options.method,

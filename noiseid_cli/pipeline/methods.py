@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from noiseid_cli.errors import EstimationError
@@ -14,73 +15,60 @@ if TYPE_CHECKING:
     from noiseid_cli.models.noise import NoiseValues
     from noiseid_cli.models.recording import Recording
 
-Run = Callable[
-    ["CompiledModel", "Sequence[Recording]", "NoiseValues", "Unknowns", dict[str, Any], "Progress | None"], "Estimate"
-]
+
+@dataclass(frozen=True)
+class Task:
+    """What a method is given.
+
+    Attributes:
+        model, recordings: model and data.
+        start: noise values to start from, the known ones among them.
+        unknowns: what is estimated.
+        options: the method's options by name.
+        progress: called after each pass.
+    """
+
+    model: CompiledModel
+    recordings: Sequence[Recording]
+    start: NoiseValues
+    unknowns: Unknowns
+    options: dict[str, Any]
+    progress: Progress | None
 
 
-def run_method(
-    name: str,
-    model: CompiledModel,
-    recordings: Sequence[Recording],
-    start: NoiseValues,
-    unknowns: Unknowns,
-    options: dict[str, Any],
-    progress: Progress | None,
-) -> Estimate:
+def run_method(name: str, task: Task) -> Estimate:
     """Run a method by its name.
 
     Raises:
         EstimationError: the method cannot estimate what is asked; it names those that can.
         FilterDivergedError: the filter fails at the start.
     """
-    return _METHODS[name](model, recordings, start, unknowns, options, progress)
+    return _METHODS[name](task)
 
 
-def _em(
-    model: CompiledModel,
-    recordings: Sequence[Recording],
-    start: NoiseValues,
-    unknowns: Unknowns,
-    options: dict[str, Any],
-    progress: Progress | None,
-) -> Estimate:
+def _em(t: Task) -> Estimate:
     from noiseid_cli.estimators import em
 
-    return em.estimate(model, recordings, start, unknowns, em.EmOptions(**options), progress)
+    return em.estimate(t.model, t.recordings, t.start, t.unknowns, em.EmOptions(**t.options), t.progress)
 
 
-def _alg2(
-    model: CompiledModel,
-    recordings: Sequence[Recording],
-    start: NoiseValues,
-    unknowns: Unknowns,
-    options: dict[str, Any],
-    progress: Progress | None,
-) -> Estimate:
+def _alg2(t: Task) -> Estimate:
     from noiseid_cli.estimators import alg2
 
-    if unknowns.Q is None or unknowns.R is not None or unknowns.P0 is not None or unknowns.m0:
+    if t.unknowns.Q is None or t.unknowns.R is not None or t.unknowns.P0 is not None or t.unknowns.m0:
         raise EstimationError("alg2 estimates Q and nothing else: give the rest as known, or use em")
-    if not unknowns.Q.is_diagonal:
+    if not t.unknowns.Q.is_diagonal:
         raise EstimationError(
             "alg2 estimates a diagonal Q with every variance free: give it `structure: diagonal` and hold no entry, "
             "or use em or alg3"
         )
-    return alg2.estimate(model, recordings, start, alg2.Alg2Options(**options), progress)
+    return alg2.estimate(t.model, t.recordings, t.start, alg2.Alg2Options(**t.options), t.progress)
 
 
-def _alg3(
-    model: CompiledModel,
-    recordings: Sequence[Recording],
-    start: NoiseValues,
-    unknowns: Unknowns,
-    options: dict[str, Any],
-    progress: Progress | None,
-) -> Estimate:
+def _alg3(t: Task) -> Estimate:
     from noiseid_cli.estimators import alg3
 
-    return alg3.estimate(model, recordings, start, unknowns, alg3.Alg3Options(**options), progress)
+    return alg3.estimate(t.model, t.recordings, t.start, t.unknowns, alg3.Alg3Options(**t.options), t.progress)
 
 
-_METHODS: dict[str, Run] = {"em": _em, "alg2": _alg2, "alg3": _alg3}
+_METHODS: dict[str, Callable[[Task], Estimate]] = {"em": _em, "alg2": _alg2, "alg3": _alg3}

@@ -67,19 +67,21 @@ def test_a_killed_run_goes_on_where_it_was(empty, started):
         assert arrays_of(folder / name) == arrays_of(empty / "whole/small/results" / name)
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
-def test_a_signal_ends_all_processes_at_once(empty, started, number, code):
-    write_experiment(empty, RESTLESS.replace("MOST", "1000000").replace("samples: 80", "samples: 2000"))
+@pytest.mark.parametrize(
+    ("number", "jobs", "code"), [(signal.SIGINT, 2, 130), (signal.SIGTERM, 2, 143), (signal.SIGHUP, 1, 129)]
+)
+def test_a_signal_ends_all_processes_at_once(empty, started, number, jobs, code):
+    write_experiment(empty, RESTLESS.replace("MOST", "1000000").replace("samples: 80", "samples: 500"))
     noiseid("simulate")
     # A group of its own, as a terminal makes one: Ctrl-C reaches the workers too.
-    process = started("estimate", "--jobs", "2", "--verbose", start_new_session=True)
-    read_until(process, "pass 3,", 2)
+    process = started("estimate", "--jobs", str(jobs), "--verbose", start_new_session=True)
+    read_until(process, "pass 3,", jobs)
     workers = workers_of(process)
-    assert len(workers) == 2
+    assert len(workers) == (2 if jobs == 2 else 0)
     began = time.monotonic()
     os.killpg(process.pid, number) if number == signal.SIGINT else process.send_signal(number)
     out, err = process.communicate(timeout=10)
-    assert time.monotonic() - began < 2.0
+    assert time.monotonic() - began < 3.0
     assert process.returncode == code
     word = "interrupted" if number == signal.SIGINT else f"stopped by {number.name}"
     assert err.splitlines()[-1] == (
@@ -88,22 +90,11 @@ def test_a_signal_ends_all_processes_at_once(empty, started, number, code):
     assert "Traceback" not in err
     assert out == ""
     wait_for(lambda: none_alive(workers), 2.0)
-    assert noiseid("estimate", "--set", "estimate.methods.em.max_passes=2").exit_code == 4
-
-
-def test_ctrl_c_in_one_process(empty, started):
-    write_experiment(empty, RESTLESS.replace("MOST", "1000000").replace("samples: 80", "samples: 2000"))
-    process = started("run", "-v")
-    read_until(process, "pass 3,")
-    process.send_signal(signal.SIGINT)
-    err = process.communicate(timeout=10)[1]
-    assert process.returncode == 130
-    assert "Traceback" not in err
-    assert list((empty / "runs/small/datasets").glob("*.h5"))
+    assert len(list((empty / "runs/small/datasets").glob("*.h5"))) == 1
 
 
 def test_workers_end_when_their_parent_is_killed(empty, started):
-    write_experiment(empty, RESTLESS.replace("MOST", "1000000").replace("samples: 80", "samples: 2000"))
+    write_experiment(empty, RESTLESS.replace("MOST", "1000000").replace("samples: 80", "samples: 500"))
     noiseid("simulate")
     process = started("estimate", "--jobs", "2", "--verbose")
     read_until(process, "pass 3,", 2)
