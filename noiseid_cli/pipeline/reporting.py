@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from noiseid_cli.errors import DataError
 from noiseid_cli.pipeline.context import Context
 from noiseid_cli.pipeline.facts import dataset_facts, model_facts, published_facts
-from noiseid_cli.pipeline.units import chosen_methods, digest, estimate_units
+from noiseid_cli.pipeline.keys import digest
+from noiseid_cli.pipeline.units import chosen_methods, estimate_units
 
 if TYPE_CHECKING:
     from noiseid_cli.report import Study

@@ -6,21 +6,16 @@ it depends on. A file that is there is done; other settings make another file, a
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from noiseid_cli.config.methods import METHOD_OPTIONS, MethodOptions
 from noiseid_cli.config.suggest import did_you_mean
-from noiseid_cli.errors import DataError, EstimationError
+from noiseid_cli.errors import ConfigError, DataError, EstimationError
 from noiseid_cli.pipeline.context import Context
+from noiseid_cli.pipeline.keys import digest, unit_path
 from noiseid_cli.pipeline.starts import Start, starts
-
-# Raised by hand when a stage's meaning changes, so that old files are made anew.
-STAGE_VERSION = {"simulate": 1, "import": 1, "estimate": 1, "report": 1}
 
 
 @dataclass(frozen=True)
@@ -90,43 +85,76 @@ def dataset_units(context: Context) -> list[DatasetUnit]:
     """The datasets of an experiment, in order.
 
     Raises:
-        DataError: a recording's file cannot be read.
+        ConfigError: recordings that it names cannot be read.
     """
-    experiment = context.experiment
-    model = {"model": context.loaded.section_key("model"), "equations": context.model_digest}
-    units = []
-    if experiment.simulate is not None:
-        # The number of replicates is left out: asking for more keeps those that are there.
-        settings = experiment.simulate.model_dump(mode="json", exclude={"replicates", "held_out"})
-        for replicate in range(experiment.simulate.replicates):
-            key = digest("simulate", model, settings, {"seed": experiment.seed, "replicate": replicate})
-            name = f"replicate-{replicate:03d}"
-            units.append(DatasetUnit(name, key, _path(context, "datasets", name, key), replicate))
-        if experiment.simulate.held_out is not None:
-            other = experiment.simulate.held_out.model_dump(mode="json")
-            key = digest("simulate", model, settings, other, {"seed": experiment.seed})
-            units.append(DatasetUnit("held-out", key, _path(context, "datasets", "held-out", key), held_out=True))
-    if experiment.import_ is not None:
-        from noiseid_cli.recordings.readers import source_digest
+    simulated = context.experiment.simulate is not None
+    return _simulated_units(context) if simulated else _imported_units(context)
 
-        section = experiment.import_
-        names = list(section.recordings)
-        groups = (
-            [(name, (name,)) for name in names] if section.group == "separate" else [(experiment.experiment, names)]
+
+def _model(context: Context) -> dict[str, str]:
+    return {"model": context.loaded.section_key("model"), "equations": context.model_digest}
+
+
+def _simulated_units(context: Context) -> list[DatasetUnit]:
+    section, seed, model = context.experiment.simulate, context.experiment.seed, _model(context)
+    assert section is not None
+    # The number of replicates is left out: asking for more keeps those that are there.
+    settings = section.model_dump(mode="json", exclude={"replicates", "held_out"})
+    units = []
+    for replicate in range(section.replicates):
+        key = digest("simulate", model, settings, {"seed": seed, "replicate": replicate})
+        name = f"replicate-{replicate:03d}"
+        units.append(DatasetUnit(name, key, unit_path(context.folder, "datasets", name, key), replicate))
+    if section.held_out is not None:
+        key = digest("simulate", model, settings, section.held_out.model_dump(mode="json"), {"seed": seed})
+        units.append(
+            DatasetUnit("held-out", key, unit_path(context.folder, "datasets", "held-out", key), held_out=True)
         )
-        common = section.model_dump(mode="json", exclude={"recordings", "group"})
-        for name, members in groups:
-            sources = [
-                {
-                    "name": member,
-                    "settings": section.recordings[member].model_dump(mode="json", exclude={"file"}),
-                    "sha256": source_digest(context.loaded.resolve(section.recordings[member].file)),
-                }
-                for member in members
-            ]
-            key = digest("import", model, common, sources)
-            units.append(DatasetUnit(name, key, _path(context, "datasets", name, key), 0, tuple(members)))
     return units
+
+
+def _imported_units(context: Context) -> list[DatasetUnit]:
+    section, model = context.experiment.import_, _model(context)
+    assert section is not None
+    names = tuple(section.recordings)
+    separate = section.group == "separate"
+    groups = [(name, (name,)) for name in names] if separate else [(context.experiment.experiment, names)]
+    common = section.model_dump(mode="json", exclude={"recordings", "group"})
+    digests = _recording_digests(context)
+    units = []
+    for name, members in groups:
+        sources = [
+            {
+                "name": member,
+                "settings": section.recordings[member].model_dump(mode="json", exclude={"file"}),
+                "sha256": digests[member],
+            }
+            for member in members
+        ]
+        key = digest("import", model, common, sources)
+        units.append(DatasetUnit(name, key, unit_path(context.folder, "datasets", name, key), 0, members))
+    return units
+
+
+def _recording_digests(context: Context) -> dict[str, str]:
+    """SHA-256 of each recording: other content makes another dataset, another name or folder does not.
+
+    Raises:
+        ConfigError: with every file that cannot be read, and its place in the experiment.
+    """
+    from noiseid_cli.recordings.readers import source_digest
+
+    section = context.experiment.import_
+    assert section is not None
+    digests, problems = {}, []
+    for name, source in section.recordings.items():
+        try:
+            digests[name] = source_digest(context.loaded.resolve(source.file))
+        except DataError as error:
+            problems.append(context.loaded.problem(("import", "recordings", name, "file"), str(error)))
+    if problems:
+        raise ConfigError(str(context.loaded.file), problems)
+    return digests
 
 
 def estimate_units(context: Context, methods: list[str] | None = None) -> list[EstimateUnit]:
@@ -156,7 +184,7 @@ def estimate_units(context: Context, methods: list[str] | None = None) -> list[E
                 settings = options.model_dump(mode="json")
                 factors = [start.factors, start.measurement_factor]
                 key = digest("estimate", dataset.key, common, settings, factors, scored_on)
-                path = _path(context, "results", f"{dataset.name}.{label}.start-{start.index}", key)
+                path = unit_path(context.folder, "results", f"{dataset.name}.{label}.start-{start.index}", key)
                 units.append(EstimateUnit(dataset, label, options, start, held_out, key, path))
     return units
 
@@ -220,13 +248,3 @@ def chosen_methods(context: Context, wanted: Sequence[str] | None = None) -> dic
             known = [*listed, *(m for m in METHOD_OPTIONS if m not in listed)]
             raise EstimationError(f"{name!r} is not a method; known: {', '.join(known)}{did_you_mean(name, known)}")
     return out
-
-
-def digest(stage: str, *parts: Any) -> str:
-    """Key of a stage that depends on these parts: 64 hexadecimal digits."""
-    text = json.dumps([stage, STAGE_VERSION[stage], *parts], sort_keys=True, allow_nan=False)
-    return hashlib.sha256(text.encode()).hexdigest()
-
-
-def _path(context: Context, folder: str, name: str, key: str) -> Path:
-    return context.folder / folder / f"{name}-{key[:8]}.h5"

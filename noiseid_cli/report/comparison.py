@@ -36,7 +36,7 @@ def score_table(study: Study) -> Table | None:
     if not known:
         return None
     unit = study.path_unit()
-    columns = [Column("Method"), Column("Converged / all"), Column("Path error, max", unit), Column("min", unit)]
+    columns = [Column("Method"), Column("Path error, max", unit), Column("min", unit)]
     columns += [Column("Max / min", digits=5), Column("NIS, mean", digits=4)]
     if held:
         columns += [Column("Held-out path error, max", unit), Column("min", unit), Column("Held-out NIS, mean")]
@@ -47,7 +47,7 @@ def score_table(study: Study) -> Table | None:
         if held:
             scores = [path_norm(u, True) for u in units]
             cells += [_extreme(max, scores), _extreme(min, scores), _mean_nis(units, held_out=True)]
-        rows.append((method, f"{sum(map(converged, units))} / {len(units)}", *cells))
+        rows.append((method, *cells))
     rows.append(_truth_row(study, held))
     caption = (
         "2-norm over time of the distance to the true path, largest and smallest over all starts and datasets of the "
@@ -70,7 +70,7 @@ def _truth_row(study: Study, held: bool) -> tuple[Cell, ...]:
         scores = [e.path_error_norm / math.sqrt(n) for e, n in out]
         mean = number(float(np.mean([e.nis for e, _ in out])) if out else None, "The truth is not known")
         cells += [_extreme(max, scores), _extreme(min, scores), mean]
-    return ("truth", "–", *cells)
+    return ("truth", *cells)
 
 
 def _extreme(which: Callable[[list[float]], float], values: list[float]) -> Cell:

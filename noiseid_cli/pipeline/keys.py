@@ -1,0 +1,22 @@
+"""Keys: the hash of everything that a file depends on, which is part of its name."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+# Raised by hand when a stage's meaning changes, so that old files are made anew.
+STAGE_VERSION = {"simulate": 1, "import": 1, "estimate": 1, "report": 1}
+
+
+def digest(stage: str, *parts: Any) -> str:
+    """Key of what a stage makes from these parts, which are JSON data: 64 hexadecimal digits."""
+    text = json.dumps([stage, STAGE_VERSION[stage], *parts], sort_keys=True, allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def unit_path(folder: Path, kind: str, name: str, key: str) -> Path:
+    """File of a unit: ``<folder>/<kind>/<name>-<first digits of the key>.h5``."""
+    return folder / kind / f"{name}-{key[:8]}.h5"
