@@ -31,7 +31,9 @@ def facts(pairs: Sequence[tuple[str, str]], width: int, indent: str = "") -> Ite
     """Lines of names and what they are, the second in a column of its own."""
     size = max(len(name) for name, _ in pairs) + _GAP
     for name, value in pairs:
-        yield filled(value, width, f"{indent}{name:{size}}", " " * (len(indent) + size)) if value else indent + name
+        if not value:
+            yield indent + name
+        yield from filled(value, width, f"{indent}{name:{size}}", " " * (len(indent) + size)).splitlines()
 
 
 def table(headings: Sequence[str], rows: Sequence[Sequence[str]], width: int, indent: str = "  ") -> Iterator[str]:

@@ -105,7 +105,7 @@ def test_workers_end_when_their_parent_is_killed(empty, started):
 
 
 def test_a_worker_that_is_killed_fails_its_unit_only(empty, started):
-    write_experiment(empty, RESTLESS.replace("MOST", "300").replace("samples: 80", "samples: 2000"))
+    write_experiment(empty, RESTLESS.replace("MOST", "400").replace("samples: 80", "samples: 500"))
     noiseid("simulate")
     process = started("estimate", "--jobs", "2", "--verbose", "--set", "estimate.starts.scale=[1, 2, 3]")
     read_until(process, "pass 3,")

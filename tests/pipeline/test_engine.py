@@ -1,0 +1,144 @@
+"""Units are run here or in worker processes; what goes wrong in one is told and stays there."""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import pytest
+from small_experiment import CONFIG, MODEL
+
+from noiseid_cli.errors import DataError
+from noiseid_cli.pipeline.context import open_experiment
+from noiseid_cli.pipeline.engine import run_units
+from noiseid_cli.pipeline.kernels import SENTENCE, kernels_announced
+from noiseid_cli.pipeline.making import Token
+from noiseid_cli.pipeline.units import dataset_units, estimate_units
+from noiseid_cli.pipeline.wording import counted
+from noiseid_cli.pipeline.workers import WorkerError
+
+
+class Record:
+    """A listener that keeps what it is told."""
+
+    def __init__(self):
+        self.told = []
+
+    def __getattr__(self, name):
+        return lambda *what: self.told.append((name, *what))
+
+    def of(self, kind):
+        return [what for name, *what in self.told if name == kind]
+
+
+def opened(file, *overrides):
+    return open_experiment(file, file.parent / "runs", overrides)
+
+
+def test_a_listener_hears_every_unit_in_order(small):
+    context, record = opened(small), Record()
+    run_units(context, "simulate", dataset_units(context), record)
+    units = estimate_units(context)
+    tokens = run_units(context, "estimate", units, record)
+    assert record.of("stage") == [["simulate", 1, 0], ["estimate", 2, 0]]
+    names = ["replicate-000", "replicate-000/em/start-0", "replicate-000/em/start-1"]
+    assert record.of("begin") == [[name] for name in names]
+    assert [token.unit for (token,) in record.of("end")] == names
+    passes = [(unit, k) for unit, k, _ in record.of("passed")]
+    assert passes[:2] == [(names[1], 1), (names[1], 2)]
+    assert [t.state for t in tokens] == ["made", "made"]
+    assert [t.status for t in tokens] == ["converged", "converged"]
+    assert tokens[0].message.startswith("converged after ")
+    again = run_units(context, "estimate", units, record)
+    assert [(t.state, t.status) for t in again] == [("there", "converged")] * 2
+    assert [t.state for t in run_units(context, "estimate", units, record, force=True)] == ["made"] * 2
+
+
+def test_a_token_knows_what_is_unfinished():
+    assert not Token("a", Path("a"), "made", status="converged").unfinished
+    assert not Token("a", Path("a"), "made").unfinished
+    assert Token("a", Path("a"), "there", status="max_passes").unfinished
+
+
+def test_a_failed_unit_is_a_token_and_the_others_go_on(small, monkeypatch):
+    context, record = opened(small, "simulate.replicates=3"), Record()
+
+    def faulty(context, unit):
+        if unit.replicate == 1:
+            raise DataError("it rained")
+        return real(context, unit)
+
+    from noiseid_cli.pipeline import datasets
+
+    real = datasets.make_dataset
+    monkeypatch.setattr(datasets, "make_dataset", faulty)
+    tokens = run_units(context, "simulate", dataset_units(context), record)
+    assert [t.state for t in tokens] == ["made", "failed", "made"]
+    assert tokens[1].message == "it rained"
+    assert [u.done for u in dataset_units(context)] == [True, False, True]
+
+
+IN_A_WORKER = "\nimport multiprocessing, os\nif multiprocessing.parent_process() is not None:\n    "
+
+
+@pytest.mark.parametrize(
+    ("code", "message"),
+    [
+        ("os._exit(3)", "its worker process died with exit code 3 "),
+        ("raise ValueError('no')", "ValueError: no"),
+        ("Cart.parameters = (*Cart.parameters, Parameter('z', 1.0))", "was changed while this run started"),
+    ],
+)
+def test_workers_that_cannot_begin_fail_their_units(small, code, message):
+    (small.parent / "cart.py").write_text(MODEL + IN_A_WORKER + code + "\n")
+    context, record = opened(small, "simulate.replicates=3"), Record()
+    tokens = run_units(context, "simulate", dataset_units(context), record, jobs=2)
+    assert [t.state for t in tokens] == ["failed"] * 3
+    assert all(message in t.message for t in tokens)
+    assert sorted(token.unit for (token,) in record.of("end")) == [t.unit for t in tokens]
+
+
+def test_a_bug_in_a_worker_is_reported_with_its_traceback(small):
+    code = "import noiseid_cli.pipeline.datasets as d\n    d.make_dataset = lambda *_: 1 / 0\n"
+    (small.parent / "cart.py").write_text(MODEL + IN_A_WORKER + code)
+    context = opened(small, "simulate.replicates=2")
+    with pytest.raises(WorkerError, match="ZeroDivisionError: division by zero") as bug:
+        run_units(context, "simulate", dataset_units(context), Record(), jobs=2)
+    assert str(bug.value).startswith("Traceback")
+
+
+def test_workers_tell_what_goes_on(small):
+    small.write_text(CONFIG.replace("samples: 80", "samples: 80\n  replicates: 2"))
+    context, record = opened(small), Record()
+    tokens = run_units(context, "simulate", dataset_units(context), record, jobs=2)
+    assert [t.state for t in tokens] == ["made"] * 2
+    assert sorted(record.of("begin")) == [["replicate-000"], ["replicate-001"]]
+    assert record.of("stage") == [["simulate", 2, 0]]
+
+
+def test_compilation_is_announced_unless_the_cache_holds_it(tmp_path):
+    file = tmp_path / "fake_kernel.py"
+    file.write_text("from numba import njit\n\n\n@njit(cache=CACHE)\ndef twice(x):\n    return 2 * x\n")
+    source = file.read_text()
+
+    def announced(name, cache):
+        file.write_text(source.replace("CACHE", str(cache)))
+        spec = importlib.util.spec_from_file_location(name, file)
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[name] = module
+        said = []
+        try:
+            spec.loader.exec_module(module)
+            with kernels_announced(said.append):
+                assert module.twice(3) == 6
+        finally:
+            del sys.modules[name]
+        return said
+
+    assert announced("noiseid_cli.fake_kernel", True) == [SENTENCE]
+    assert announced("fake_kernel", True) == []  # a model's own functions are announced elsewhere
+    assert announced("noiseid_cli.fake_kernel", False) == []  # compiled each time, and part of something else
+
+
+def test_counted_words():
+    assert [counted(n, "unit") for n in (0, 1, 2)] == ["0 units", "1 unit", "2 units"]
+    assert counted(2, "pass", "passes") == "2 passes"
