@@ -73,6 +73,8 @@ class CovarianceStructure:
         Raises:
             EstimationError: the start is not positive definite, or it breaks its own structure.
         """
+        if not np.all(np.isfinite(self.start)):
+            raise EstimationError(f"the start of {self.what} has entries that are not finite numbers")
         scales = np.sqrt(np.diag(self.start))
         zero = np.flatnonzero(~(scales > 0.0))
         if zero.size:

@@ -88,8 +88,10 @@ def test_the_settings_kept_with_a_result_are_those_that_ran(small):
 
 def test_two_processes_give_the_numbers_of_one(small, started):
     write_experiment(small, CONFIG.replace("samples: 80", "samples: 80\n  replicates: 2"))
-    assert noiseid("run", "--out", "one").exit_code == 0
-    two = started("run", "--out", "two", "--jobs", "2")
+    for folder in ("one", "two"):
+        assert noiseid("simulate", "--out", folder).exit_code == 0
+    assert noiseid("estimate", "--out", "one").exit_code == 0
+    two = started("estimate", "--out", "two", "--jobs", "2")
     assert two.communicate()[1].count("converged after") == 4
     assert two.returncode == 0
     for kind, count in (("datasets", 2), ("results", 4)):

@@ -97,6 +97,7 @@ def test_units_shift_coordinates_only(kind):
     [
         (CovarianceStructure.full(np.diag([1.0, 0.0]), "Q"), "start of Q has zero variance at position 2"),
         (CovarianceStructure.full(np.ones((2, 2)), "Q"), "start of Q is singular"),
+        (CovarianceStructure.full(np.diag([1.0, np.inf]), "Q"), "start of Q has entries that are not finite"),
         (CovarianceStructure(np.array([[1.0, 0.1], [0.1, 1.0]]), ((0,), (1,)), what="R"), "entries across its blocks"),
         (CovarianceStructure(np.eye(1), ((0,),), held=frozenset({(0, 0)}), what="R"), "every entry of R is held"),
     ],
