@@ -1,6 +1,7 @@
 """A small model and experiment, quick to run, and ways to run commands on them."""
 
 import json
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -98,9 +99,13 @@ COMMAND = [sys.executable, "-c", "from noiseid_cli.app import main; main()"]
 
 
 def spawn(*arguments: str, **options) -> subprocess.Popen:
-    """Start a command as a process of its own."""
+    """Start a command as a process of its own, which heeds Ctrl-C even if these tests run in the background."""
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE} | options
-    return subprocess.Popen([*COMMAND, *arguments], text=True, **pipes)
+    before = signal.signal(signal.SIGINT, signal.SIG_DFL)
+    try:
+        return subprocess.Popen([*COMMAND, *arguments], text=True, **pipes)
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def files_of(folder: Path) -> dict[str, int]:

@@ -2,8 +2,9 @@
 
 import os
 import signal
-import subprocess
 import time
+from contextlib import suppress
+from pathlib import Path
 
 import pytest
 from small_experiment import CONFIG, arrays_of, files_of, noiseid, write_experiment
@@ -32,10 +33,14 @@ def read_until(process, text, times=1):
 
 def processes():
     """Number, parent, state and command line of every process."""
-    columns = ("-o", "pid=", "-o", "ppid=", "-o", "stat=", "-o", "args=")
-    listed = subprocess.run(["ps", "-A", "-ww", *columns], capture_output=True, text=True, check=True)
-    rows = [line.split(None, 3) for line in listed.stdout.splitlines()]
-    return [(int(row[0]), int(row[1]), row[2], row[-1]) for row in rows]
+    found = []
+    for folder in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):  # it has just ended
+            # pid (name, which may hold anything) state ppid ...
+            state, parent = (folder / "stat").read_text().rpartition(")")[2].split()[:2]
+            line = (folder / "cmdline").read_text().replace("\0", " ")
+            found.append((int(folder.name), int(parent), state, line))
+    return found
 
 
 def workers_of(process):
