@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
@@ -33,15 +34,21 @@ def terminal_tables(study: Study) -> list[Table]:
     if many:
         tables = [summary_table(study), score_table(study), recovery_table(study), std_summary_table(study, "Q")]
     else:
-        tables = [_without_reasons(ending_table(study)), before_after_table(study), std_table(study, "Q")]
+        tables = [_without_last(ending_table(study)), before_after_table(study), _std(study, "Q")]
     if any(not np.array_equal(r.estimate.start.R, r.estimate.final.R) for r in study.results):
-        tables.append(std_summary_table(study, "R") if many else std_table(study, "R"))
+        tables.append(std_summary_table(study, "R") if many else _std(study, "R"))
     if not many and all(r.Q_true is None for r in study.results):
         tables.append(consistency_table(study))
     tables += [starts_table(study)] if start_groups(study) else []
     return [table for table in (*tables, *published_tables(study)) if table is not None]
 
 
-def _without_reasons(table: Table) -> Table:
-    """The endings without their last column, the sentences, which a terminal has no room for."""
+def _std(study: Study, which: Literal["Q", "R"]) -> Table:
+    """The standard deviations, without their kind where all were estimated."""
+    table = std_table(study, which)
+    return _without_last(table) if all(row[-1] == "estimated" for row in table.rows) else table
+
+
+def _without_last(table: Table) -> Table:
+    """A table without its last column, which a terminal has no room for."""
     return replace(table, columns=table.columns[:-1], rows=tuple(row[:-1] for row in table.rows))

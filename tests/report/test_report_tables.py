@@ -249,3 +249,11 @@ def test_terminal_tables_of_few_and_of_none(simulated):
 def test_units_of_covariances():
     names = (("a", "N m", ""), ("b", "", ""), ("c", "", ""))
     assert [covariance_unit(names, i, j) for i, j in ((0, 0), (1, 0), (2, 1))] == ["(N m)^2", "(1) (N m)", ""]
+
+
+def test_the_terminal_leaves_out_a_column_of_one_word(simulated):
+    shown = next(t for t in terminal_tables(simulated) if t.name == "std-process-noise")
+    assert [c.heading for c in shown.columns][-1] == "Estimate / truth"
+    full = std_table(simulated, "Q")
+    assert [row[:-1] for row in full.rows] == list(shown.rows)
+    assert {row[-1] for row in full.rows} == {"estimated"}
