@@ -23,11 +23,11 @@ def check(
     Reads the experiment file and its model, and runs nothing. Each mistake is told with its line and column.
     With --json, the settings with every default filled in.
     """
-    from noiseid_cli.commands.stages import open_session
+    from noiseid_cli.commands.stages import open_job
     from noiseid_cli.config.load import builtin_experiment
     from noiseid_cli.pipeline.units import data_stage, dataset_units, estimate_units
 
-    context = open_session(config, out, overrides, seed, quiet=quiet).context
+    context = open_job(config, out, overrides, seed, quiet=quiet).context
     model = context.model
     model.equations()
     stages = {data_stage(context): [unit.done for unit in dataset_units(context)]}

@@ -15,10 +15,10 @@ def cite(
 
     These are the works behind its methods and its model.
     """
-    from noiseid_cli.commands.stages import open_session
+    from noiseid_cli.commands.stages import open_job
     from noiseid_cli.pipeline.reporting import citations
 
-    papers = citations(open_session(config, RUNS, overrides, None, quiet=quiet).context, method)
+    papers = citations(open_job(config, RUNS, overrides, None, quiet=quiet).context, method)
     if json:
         answer_json(papers)
         return

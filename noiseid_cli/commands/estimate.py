@@ -24,11 +24,11 @@ def estimate(
 
     The datasets must be there: `noiseid simulate` or `noiseid import` makes them, with the same settings.
     """
-    from noiseid_cli.commands.stages import open_session
+    from noiseid_cli.commands.stages import open_job
     from noiseid_cli.pipeline.reporting import show_results
 
-    session = open_session(
+    job = open_job(
         config, out, overrides, seed, jobs=jobs, force=force, dry_run=dry_run, quiet=quiet, verbose=verbose, json=json
     )
-    session.estimate(method)
-    session.finish(None if dry_run else show_results(session.context, method))
+    job.estimate(method)
+    job.finish(None if dry_run else show_results(job.context, method))

@@ -20,7 +20,7 @@ def report(
 
     Takes all results that are there, and says which are missing.
     """
-    from noiseid_cli.commands.stages import open_session
+    from noiseid_cli.commands.stages import open_job
 
-    session = open_session(config, out, overrides, seed, quiet=quiet, json=json)
-    session.finish(session.report(method, anew=True))
+    job = open_job(config, out, overrides, seed, quiet=quiet, json=json)
+    job.finish(job.report(method, anew=True))

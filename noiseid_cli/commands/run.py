@@ -25,17 +25,17 @@ def run(
     What is done is not done again: each file is named by a key of all settings and data that it depends on. So a run
     that was interrupted goes on where it was, and a changed setting makes new files beside the old ones.
     """
-    from noiseid_cli.commands.stages import open_session
+    from noiseid_cli.commands.stages import open_job
     from noiseid_cli.pipeline.units import chosen_methods, data_stage, dataset_units
 
-    session = open_session(
+    job = open_job(
         config, out, overrides, seed, jobs=jobs, force=force, dry_run=dry_run, quiet=quiet, verbose=verbose, json=json
     )
-    context = session.context
+    context = job.context
     estimates = context.experiment.estimate is not None
     if estimates or method:
         chosen_methods(context, method)  # a wrong name is told before anything is made
-    session.run(data_stage(context), dataset_units(context))
+    job.run(data_stage(context), dataset_units(context))
     if estimates:
-        session.estimate(method)
-    session.finish(session.report(method) if estimates and not dry_run else None)
+        job.estimate(method)
+    job.finish(job.report(method) if estimates and not dry_run else None)

@@ -20,14 +20,14 @@ def simulate(
     json: Json = False,
 ) -> None:
     """Simulate datasets, with the truth stored beside the data."""
-    from noiseid_cli.commands.stages import open_session
+    from noiseid_cli.commands.stages import open_job
     from noiseid_cli.errors import DataError
     from noiseid_cli.pipeline.units import dataset_units
 
-    session = open_session(
+    job = open_job(
         config, out, overrides, seed, jobs=jobs, force=force, dry_run=dry_run, quiet=quiet, verbose=verbose, json=json
     )
-    if session.context.experiment.simulate is None:
+    if job.context.experiment.simulate is None:
         raise DataError("the experiment has no `simulate` section, it imports recordings: run `noiseid import`")
-    session.run("simulate", dataset_units(session.context))
-    session.finish()
+    job.run("simulate", dataset_units(job.context))
+    job.finish()

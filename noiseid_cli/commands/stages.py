@@ -22,7 +22,7 @@ _MAKES = {"simulate": "dataset", "import": "dataset", "estimate": "result"}
 
 
 @dataclass
-class Session:
+class Job:
     """One command at work on one experiment.
 
     Attributes:
@@ -159,7 +159,7 @@ class Session:
         return data
 
 
-def open_session(
+def open_job(
     config: Path | None,
     out: Path,
     overrides: list[str] | None,
@@ -171,7 +171,7 @@ def open_session(
     quiet: bool = False,
     verbose: bool = False,
     json: bool = False,
-) -> Session:
+) -> Job:
     """Find and open the experiment, and say which one was taken."""
     from noiseid_cli.config.load import find_experiment
     from noiseid_cli.pipeline.context import open_experiment
@@ -180,4 +180,4 @@ def open_session(
     heard = listener(quiet, verbose)
     heard.say(found.sentence)
     context = open_experiment(found.file, out, overrides or (), seed, heard.say)
-    return Session(context, heard, jobs, force, dry_run, json)
+    return Job(context, heard, jobs, force, dry_run, json)
