@@ -20,6 +20,7 @@ from typing import Literal
 import numpy as np
 
 from noiseid_cli.errors import EstimationError
+from noiseid_cli.estimators.data_check import check_data
 from noiseid_cli.estimators.estimate import Estimate, Progress, Status
 from noiseid_cli.estimators.path_search import LostError, PathSearch, SpentError
 from noiseid_cli.models.compiled import CompiledModel
@@ -111,6 +112,7 @@ def estimate(
 
 def _check(model: CompiledModel, recordings: Sequence[Recording], start: NoiseValues, options: Alg2Options) -> None:
     """Refuse what the method has no answer for."""
+    check_data(model, recordings)
     if model.performance is None:
         raise EstimationError(
             f"alg2 minimises the error of a performance output, such as a tool position, and model {model.name!r} has "

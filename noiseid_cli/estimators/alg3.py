@@ -16,6 +16,7 @@ import numpy as np
 from numba import types
 
 from noiseid_cli.errors import EstimationError
+from noiseid_cli.estimators.data_check import check_data
 from noiseid_cli.estimators.estimate import Estimate, Progress, Status
 from noiseid_cli.estimators.unknowns import Unknowns
 from noiseid_cli.filters.ekf import FilterDivergedError, extended_kalman_filter
@@ -156,6 +157,7 @@ def smoothed_noise(
 
 def _check(model: CompiledModel, recordings: Sequence[Recording], start: NoiseValues, unknowns: Unknowns) -> None:
     """Refuse what the method has no answer for."""
+    check_data(model, recordings)
     others = {"measurement_noise": unknowns.R, "initial_covariance": unknowns.P0, "initial_mean": unknowns.m0}
     for name, unknown in others.items():
         if unknown:

@@ -14,9 +14,11 @@ from typing import Literal
 
 import numpy as np
 
+from noiseid_cli.estimators.data_check import check_data
 from noiseid_cli.estimators.em_statistics import LINEARISATIONS, Statistics, e_step
+from noiseid_cli.estimators.ends import false_end
 from noiseid_cli.estimators.estimate import Estimate, Progress, Status
-from noiseid_cli.estimators.unknowns import Unknowns
+from noiseid_cli.estimators.unknowns import GONE, Unknowns
 from noiseid_cli.filters.ekf import FilterDivergedError
 from noiseid_cli.models.compiled import CompiledModel
 from noiseid_cli.models.noise import NoiseValues
@@ -104,7 +106,11 @@ class _Run:
 
         The step length is bounded; the bound grows when it is reached with success, and shrinks at a rejection.
         """
-        z0, z1, z2 = (self.unknowns.pack(n) for n in (first.noise, second.noise, second.after))
+        try:
+            z0, z1, z2 = (self.unknowns.pack(n) for n in (first.noise, second.noise, second.after))
+        except np.linalg.LinAlgError:
+            # A covariance on its way to zero has no logarithm left to extrapolate.
+            return None
         r, v = z1 - z0, z2 - 2.0 * z1 + z0
         curvature = float(np.linalg.norm(v))
         wanted = float(np.linalg.norm(r)) / curvature if curvature > 0.0 else 0.0
@@ -175,6 +181,7 @@ def estimate(
         FilterDivergedError: the filter fails at the start itself.
     """
     options = options or EmOptions()
+    check_data(model, recordings, steps_needed=unknowns.Q is not None)
     unknowns.check(start)
     began = time.perf_counter()
     run = _Run(model, recordings, unknowns, options, progress)
@@ -207,7 +214,19 @@ def _iterate(run: _Run, start: NoiseValues) -> tuple[Status, str]:
             return "diverged", f"after an EM step {error}; the best point before it is kept"
         if now.loglik < before.loglik - ROUNDING * abs(before.loglik):
             run.falls.append(before.loglik - now.loglik)
+        gone = run.unknowns.gone(now.noise)
+        if gone:
+            return "stalled_fixed_point", (
+                f"after {len(run.points)} passes a standard deviation of {gone} is below {GONE:g} of its start: zero "
+                "is its answer, or the start is too far off; start nearer to the data's scale, or give it as known"
+            )
         if run.at_rest(before, now):
+            low = false_end(run.model, run.recordings, run.unknowns, now.noise, now.loglik)
+            if low:
+                return "stalled_fixed_point", (
+                    f"after {len(run.points)} passes nothing moves any more, but a much greater {low} has the greater "
+                    "likelihood: the start was so small that EM takes it for zero; start from a greater one"
+                )
             return "converged", (
                 f"after {len(run.points)} passes the last EM step changed the log-likelihood by "
                 f"{now.loglik - before.loglik:.2g} and no log standard deviation or correlation by more than "

@@ -12,6 +12,9 @@ from noiseid_cli.estimators.structure import CovarianceStructure
 from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.models.recording import Array
 
+# A standard deviation below this share of its start has gone to zero, which EM never leaves.
+GONE = 1e-10
+
 
 @dataclass(frozen=True)
 class Unknowns:
@@ -89,6 +92,15 @@ class Unknowns:
         if self.m0:
             m0 = np.tile(z[at:] * _scale(like.P0 if self.P0 is None else self.P0.start), (len(m0), 1))
         return NoiseValues(values[0], values[1], m0, values[2])
+
+    def gone(self, noise: NoiseValues) -> str:
+        """Name of a covariance of which a standard deviation has fallen below ``GONE`` of its start; empty if none."""
+        for structure, value in ((self.Q, noise.Q), (self.R, noise.R), (self.P0, noise.P0)):
+            if structure is not None:
+                start = np.sqrt(np.diag(structure.start))
+                if np.any(np.sqrt(np.diag(value)) < GONE * start):
+                    return structure.what
+        return ""
 
     def change(self, old: NoiseValues, new: NoiseValues) -> float:
         """Largest change of a log standard deviation, a correlation, or an initial mean in units of sqrt P0."""

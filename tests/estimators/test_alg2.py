@@ -249,7 +249,9 @@ def test_a_filter_that_fails_on_both_sides_ends_the_search(monkeypatch):
 def test_a_filter_that_fails_at_the_start_is_an_error():
     model = linear_model([[1e60]], [[1.0]], [[1.0]])
     model = replace(model, performances=("z1",), performance=model.output)
-    wild = Recording("wild", np.ones(9), np.zeros((10, 0)), np.full((10, 1), np.nan), z_true=np.zeros((10, 1)))
+    wild = Recording(
+        "wild", np.ones(9), np.zeros((10, 0)), np.r_[np.full((9, 1), np.nan), [[0.0]]], z_true=np.zeros((10, 1))
+    )
     with pytest.raises(FilterDivergedError, match="'wild'"):
         alg2.estimate(model, [wild], NoiseValues(np.eye(1), np.eye(1), np.ones((1, 1)), np.eye(1)))
 

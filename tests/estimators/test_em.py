@@ -232,7 +232,7 @@ def test_a_direction_that_goes_to_zero_is_reported():
 
 def test_divergence_at_the_start_and_later():
     model = linear_model([[1e60]], [[1.0]], [[1.0]])
-    recording = Recording("wild", np.ones(9), np.zeros((10, 0)), np.full((10, 1), np.nan))
+    recording = Recording("wild", np.ones(9), np.zeros((10, 0)), np.r_[np.full((9, 1), np.nan), [[0.0]]])
     noise = NoiseValues(np.eye(1), np.eye(1), np.ones((1, 1)), np.eye(1))
     with pytest.raises(FilterDivergedError, match="'wild'"):
         em.estimate(model, [recording], noise, Unknowns(Q=CovarianceStructure.full(noise.Q)))
