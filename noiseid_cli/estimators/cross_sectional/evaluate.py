@@ -1,0 +1,63 @@
+"""Evaluate tests at a theta, by the partitioned method or by the full one."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from noiseid_cli.errors import EstimationError
+from noiseid_cli.estimators.cross_sectional.correlated import correlated
+from noiseid_cli.estimators.cross_sectional.full import full_evaluation
+from noiseid_cli.estimators.cross_sectional.ignorant import Statistics, ignorant_filter, statistics
+from noiseid_cli.estimators.cross_sectional.information import Evaluation, evaluate_statistics
+from noiseid_cli.estimators.cross_sectional.problem import Coordinates, CrossSection, Theta
+from noiseid_cli.estimators.cross_sectional.restoring import restored_information
+
+Evaluator = Literal["partitioned", "full"]
+
+
+def partitioned(tests: CrossSection, theta: Theta, coordinates: Coordinates) -> tuple[Evaluation, Statistics]:
+    """Natural (mu, Sigma, alpha) evaluation of each test, and the statistics that it came from."""
+    gathered, blocks = [], []
+    for i, (recording, T) in enumerate(zip(tests.recordings, tests.maps, strict=True)):
+        run = ignorant_filter(tests.matrices(i, theta.alpha), recording, T)
+        gathered.append(statistics(run))
+        blocks.append(restored_information(run, theta.mu, theta.Sigma))
+    stacked = Statistics.stack(gathered)
+    return evaluate_statistics(stacked, theta.mu, theta.Sigma, coordinates, np.array(blocks)), stacked
+
+
+def full(tests: CrossSection, theta: Theta, coordinates: Coordinates) -> Evaluation:
+    """The same by the differentiated standard filter; its information is (30) throughout."""
+    results = [
+        full_evaluation(tests.matrices(i, theta.alpha), recording, T, theta, coordinates)
+        for i, (recording, T) in enumerate(zip(tests.recordings, tests.maps, strict=True))
+    ]
+    nll, gradient, information = zip(*results, strict=True)
+    return Evaluation(np.array(nll), np.array(gradient), np.array(information))
+
+
+def evaluate(
+    tests: CrossSection, theta: Theta, coordinates: Coordinates, evaluator: Evaluator = "partitioned"
+) -> Evaluation:
+    """Evaluation of each test in the coordinates (log alpha where they say so); given those before, where correlated.
+
+    Raises:
+        EstimationError: a filter fails, or ``full`` is asked of correlated tests.
+    """
+    if tests.common is not None:
+        if evaluator == "full":
+            raise EstimationError("tests with a common bias are evaluated by the partitioned method only")
+        natural = correlated(tests, theta, coordinates)[0]
+    elif evaluator == "full":
+        natural = full(tests, theta, coordinates)
+    else:
+        natural = partitioned(tests, theta, coordinates)[0]
+    return in_coordinates(natural, theta, coordinates)
+
+
+def in_coordinates(natural: Evaluation, theta: Theta, coordinates: Coordinates) -> Evaluation:
+    """Chain rule from natural (mu, Sigma, alpha) to the coordinates."""
+    slopes = coordinates.slopes(theta)
+    return Evaluation(natural.nll, natural.gradient * slopes, natural.information * np.outer(slopes, slopes))
