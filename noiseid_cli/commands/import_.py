@@ -21,13 +21,9 @@ def import_(
 ) -> None:
     """Import recordings, each fault named by its row."""
     from noiseid_cli.commands.stages import open_job
-    from noiseid_cli.errors import DataError
-    from noiseid_cli.pipeline.units import dataset_units
 
     job = open_job(
         config, out, overrides, seed, jobs=jobs, force=force, dry_run=dry_run, quiet=quiet, verbose=verbose, json=json
     )
-    if job.context.experiment.import_ is None:
-        raise DataError("the experiment has no `import` section, it simulates its data: run `noiseid simulate`")
-    job.run("import", dataset_units(job.context))
+    job.make_data("import")
     job.finish()

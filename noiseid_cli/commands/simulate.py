@@ -21,13 +21,9 @@ def simulate(
 ) -> None:
     """Simulate datasets, with the truth stored beside the data."""
     from noiseid_cli.commands.stages import open_job
-    from noiseid_cli.errors import DataError
-    from noiseid_cli.pipeline.units import dataset_units
 
     job = open_job(
         config, out, overrides, seed, jobs=jobs, force=force, dry_run=dry_run, quiet=quiet, verbose=verbose, json=json
     )
-    if job.context.experiment.simulate is None:
-        raise DataError("the experiment has no `simulate` section, it imports recordings: run `noiseid import`")
-    job.run("simulate", dataset_units(job.context))
+    job.make_data("simulate")
     job.finish()

@@ -11,6 +11,7 @@ import typer
 
 from noiseid_cli.commands.console import FAULTY, UNFINISHED, answer, answer_json, complain, width
 from noiseid_cli.commands.progress import QuietListener, listener
+from noiseid_cli.errors import DataError
 from noiseid_cli.pipeline.wording import counted
 
 if TYPE_CHECKING:
@@ -64,6 +65,20 @@ class Job:
             complain(f"{stage}: {failed} of {len(tokens)} units failed")
         if failed and failed == len(tokens):
             raise typer.Exit(FAULTY)
+
+    def make_data(self, stage: str) -> None:
+        """Simulate or import the datasets.
+
+        Raises:
+            DataError: the experiment gets its data the other way.
+        """
+        from noiseid_cli.pipeline.units import data_stage, dataset_units
+
+        other = data_stage(self.context)
+        if other != stage:
+            instead = {"simulate": "simulates its data", "import": "imports recordings"}[other]
+            raise DataError(f"the experiment has no `{stage}` section, it {instead}: run `noiseid {other}`")
+        self.run(stage, dataset_units(self.context))
 
     def estimate(self, methods: list[str] | None) -> None:
         """Run the methods on the datasets that are there.

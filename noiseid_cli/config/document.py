@@ -84,3 +84,13 @@ class Document:
 def dotted(path: Path) -> str:
     """Write a path as ``--set`` takes it: ``simulate.process_noise.std.0``; a key that holds a dot in quotes."""
     return ".".join(f'"{p}"' if isinstance(p, str) and not re.fullmatch(r"[^.\"=\s]+", p) else str(p) for p in path)
+
+
+def value_at(data: Any, path: Path) -> Any:
+    """Give the value at a path, None where there is none."""
+    for step in path:
+        try:
+            data = data[step]
+        except (KeyError, IndexError, TypeError):
+            return None
+    return data

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
-from noiseid_cli.config.document import Path
+from noiseid_cli.config.document import Path, value_at
 
 Schema = dict[str, Any]
 
@@ -59,7 +59,7 @@ def description(path: Path, data: Any) -> str:
 
 def known_keys(path: Path, data: Any) -> list[str]:
     """Give the keys that the mapping at a path may have; empty where any name is allowed."""
-    nodes = [variant for node in _at(path, data) for variant in _variants(node, _value(data, path))]
+    nodes = [variant for node in _at(path, data) for variant in _variants(node, value_at(data, path))]
     return list(dict.fromkeys(key for node in nodes for key in node.get("properties", {})))
 
 
@@ -72,7 +72,7 @@ def _at(path: Path, data: Any) -> list[Schema]:
     """Give the nodes of the schema that apply at a path of the data."""
     nodes = [_schema()]
     for depth, step in enumerate(path):
-        value = _value(data, path[:depth])
+        value = value_at(data, path[:depth])
         nodes = [child for node in nodes for variant in _variants(node, value) for child in _children(variant, step)]
     return nodes
 
@@ -97,13 +97,3 @@ def _children(node: Schema, step: str | int) -> list[Schema]:
         return [node["properties"][step]]
     others = [*node.get("patternProperties", {}).values(), node.get("additionalProperties")]
     return [other for other in others if isinstance(other, dict)]
-
-
-def _value(data: Any, path: Path) -> Any:
-    """Give the value at a path, None where there is none."""
-    for step in path:
-        try:
-            data = data[step]
-        except (KeyError, IndexError, TypeError):
-            return None
-    return data

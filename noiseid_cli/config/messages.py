@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from noiseid_cli.config.document import Document, Fault, Path
+from noiseid_cli.config.document import Document, Fault, Path, value_at
 from noiseid_cli.config.json_schema import description, known_keys, known_kinds
 from noiseid_cli.config.suggest import did_you_mean
 from noiseid_cli.errors import Problem
@@ -45,7 +45,7 @@ def to_problem(error: Any, document: Document) -> Problem | None:
         return None  # entries that are wrong themselves were not counted: each has its own complaint
     if kind == "refused":
         path = (*path, *context["at"])
-        message, at_key = context["message"], isinstance(_get(document.data, path), dict)
+        message, at_key = context["message"], isinstance(value_at(document.data, path), dict)
     elif kind == "missing":
         path, message = _missing(path, document.data)
         at_key = True
@@ -89,15 +89,6 @@ def _data_path(loc: tuple[str | int, ...], data: Any) -> tuple[Path, bool]:
     return tuple(path), isinstance(data, Fault)
 
 
-def _get(data: Any, path: Path) -> Any:
-    for step in path:
-        try:
-            data = data[step]
-        except (KeyError, IndexError, TypeError):
-            return None
-    return data
-
-
 def _missing(path: Path, data: Any) -> tuple[Path, str]:
     if isinstance(path[-1], int):  # a list of fixed length that is too short
         return path[:-1], f"has too few entries ({description(path[:-1], data)})"
@@ -114,9 +105,9 @@ def _unknown_key(path: Path, data: Any) -> str:
 
 def _wrong_kind(path: Path, context: dict[str, Any], data: Any) -> str:
     """Say what is wrong with the ``kind`` that decides which other settings a mapping has."""
-    keys = list(_get(data, path))
+    keys = list(value_at(data, path))
     if "kind" in keys:
-        return _choice(_quoted(context["expected_tags"]), _get(data, path)["kind"], "")
+        return _choice(_quoted(context["expected_tags"]), value_at(data, path)["kind"], "")
     guess = next((f"; is a blank missing after the colon in {key!r}?" for key in keys if ":" in key), "")
     return f"is missing: one of {', '.join(known_kinds(path, data))}{guess}"
 
