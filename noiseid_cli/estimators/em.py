@@ -198,7 +198,7 @@ def estimate(
         passes=len(run.points),
         seconds=time.perf_counter() - began,
         trace=_trace(run),
-        safeguards=tuple(_safeguards(run, best, start)),
+        safeguards=tuple(_safeguards(run, best)),
         settings=asdict(options),
     )
 
@@ -266,7 +266,7 @@ def _trace(run: _Run) -> dict[str, Array]:
     }
 
 
-def _safeguards(run: _Run, best: _Point, start: NoiseValues) -> list[str]:
+def _safeguards(run: _Run, best: _Point) -> list[str]:
     """Each safeguard that acted and each warning about the end, in a sentence."""
     out = []
     rejected = run.accepted.count(False)
