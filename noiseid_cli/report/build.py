@@ -220,6 +220,8 @@ def correlation_tables(study: Study) -> list[Table]:
         )
         columns = (Column("Noise"), *(Column(name, decimals=3) for name in names))
         caption = f"Unit {r.unit}, {r.estimate.status}. 0: independent; near ±1: they act as one."
+        if r.Q_true is not None and np.all(np.isfinite(rho)):
+            caption += f" Largest difference from the truth: {np.nanmax(np.abs(rho - correlation(r.Q_true))):.3f}."
         tables.append(
             Table(
                 f"correlation-{n}",

@@ -141,7 +141,7 @@ def best_paths_plot(study: Study) -> Plot | None:
         return None
     caption = (
         f"Distance between estimated and true path, root mean square over {WINDOW_SHARE:.0%} of the samples, for the "
-        "unit of least path error of each method."
+        f"unit of least path error of each method.{study.chosen()}"
     )
     return Plot("best-paths", "Best path error of each method", caption, partial(_draw_best, study, best))
 
@@ -155,7 +155,7 @@ def start_paths_plots(study: Study) -> list[Plot]:
             continue
         caption = (
             f"Distance between estimated and true path, root mean square over {WINDOW_SHARE:.0%} of the samples, for "
-            f"{method} from {len(known)} starts; dotted, the filter at the truth."
+            f"{method} from {len(known)} starts; dotted, the filter at the truth.{study.chosen()}"
         )
         title = f"Path error of {method} from every start"
         plots.append(Plot(f"start-paths-{method}", title, caption, partial(_draw_starts, study, known)))

@@ -91,7 +91,7 @@ def convergence_plot(study: Study) -> Plot | None:
     caption = (
         "Left: log-likelihood after each pass over the data. Right: its distance to the best that any unit reached "
         "on the same data; the best itself, at distance 0, cannot be drawn on this axis. Crosses are accelerated "
-        "steps that were tried and rejected." + note
+        "steps that were tried and rejected." + note + study.chosen()
     )
     draw = partial(_draw_convergence, study, shown, traced)
     return Plot("convergence", "Log-likelihood over the passes", caption, draw)
@@ -180,7 +180,7 @@ def _std_plot(study: Study, which: Literal["Q", "R"]) -> Plot | None:
     count = len(shown[0].noise_names if which == "Q" else shown[0].output_names)
     kind = "process noise" if which == "Q" else "measurement noise"
     more = f" The first {MAX_PANELS} of {count} are drawn." if count > MAX_PANELS else ""
-    caption = f"Standard deviation of each {kind}, per sample, after each pass." + more + note
+    caption = f"Standard deviation of each {kind}, per sample, after each pass." + more + note + study.chosen()
     title = f"Standard deviations of the {kind} over the passes"
     return Plot(f"std-{kind.replace(' ', '-')}", title, caption, partial(_draw_std, study, which, shown))
 

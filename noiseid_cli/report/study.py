@@ -120,6 +120,11 @@ class Study:
         """Facts about one dataset; None where none were given."""
         return next((d for d in self.datasets if d.name == name), None)
 
+    def chosen(self) -> str:
+        """What a caption must say of values that nobody published; empty where there are none."""
+        count = sum(p.source == "chosen" for p in self.model.parameters)
+        return f" {count} of {len(self.model.parameters)} model parameters are chosen, not published." if count else ""
+
     def path_unit(self) -> str:
         """Unit of the path error, where the datasets agree on one."""
         units = {d.performance_unit for d in self.datasets if d.performance_unit}

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import report_cases
 
+from noiseid_cli.report.build import correlation_tables
 from noiseid_cli.report.comparison import (
     best_paths_plot,
     path_norm,
@@ -14,6 +15,7 @@ from noiseid_cli.report.comparison import (
     start_paths_plots,
 )
 from noiseid_cli.report.published import published_sentences, published_tables
+from noiseid_cli.report.reading import correlation
 from noiseid_cli.report.sections import sections
 from noiseid_cli.report.study import PublishedFacts
 from noiseid_cli.report.tables import Missing
@@ -133,3 +135,19 @@ def test_sections_show_them(starts):
     found = {s.heading: s for s in sections(study)}
     assert found["How do the methods compare?"].blocks[0] == score_table(study)
     assert "EM is best." in found["How does this compare with what is published?"].blocks[-1].items
+
+
+def test_captions_say_what_was_chosen(starts):
+    sentence = "2 of 3 model parameters are chosen, not published."
+    assert all(sentence in p.caption for p in (best_paths_plot(starts), *start_paths_plots(starts)))
+    published_model = replace(
+        starts.model, parameters=tuple(replace(p, source="poster") for p in starts.model.parameters)
+    )
+    assert "chosen" not in best_paths_plot(replace(starts, model=published_model)).caption
+
+
+def test_correlations_are_held_against_the_truth(starts):
+    table = correlation_tables(starts)[0]
+    result = next(r for r in starts.results if r.unit in table.caption)
+    largest = np.max(np.abs(correlation(result.estimate.final.Q) - correlation(result.Q_true)))
+    assert f"Largest difference from the truth: {largest:.3f}." in table.caption
