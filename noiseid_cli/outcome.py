@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from noiseid_cli.diagnostics.evaluation import Evaluation
-from noiseid_cli.estimators.estimate import Estimate
+from noiseid_cli.estimators.estimate import Columns, Estimate
 from noiseid_cli.models.recording import Array
 
-Columns = tuple[tuple[str, str, str], ...]
-"""(name, unit, description) of each column of an array."""
+__all__ = ["Columns", "UnitResult"]
 
 
 @dataclass(frozen=True)
@@ -33,6 +32,7 @@ class UnitResult:
         seed: seed of the experiment.
         held_out: the same filters against tests that no method has seen, with the same keys; empty without such tests.
         held_out_tests: number of those tests.
+        parameters_true: (p,) truth of ``estimate.parameters``, NaN where not known; None where nothing is known.
     """
 
     unit: str
@@ -53,3 +53,4 @@ class UnitResult:
     seed: int
     held_out: dict[str, Evaluation] = field(default_factory=dict)
     held_out_tests: int = 0
+    parameters_true: Array | None = None

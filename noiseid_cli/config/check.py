@@ -178,8 +178,11 @@ def _check_estimate(findings: Findings, estimate: Estimate, model: ModelNames) -
     for name, names, what in noises:
         check_choice(findings.add, ("estimate", name), getattr(estimate, name), names, what)
     _check_mean(findings, estimate.initial_mean, model)
+    for name in estimate.parameters:
+        if name not in model.parameters:
+            findings.unknown(("estimate", "parameters", name), name, model.parameters, "parameters")
     choices = [getattr(estimate, name) for name, _, _ in noises]
-    if all(choice.start is None for choice in [*choices, estimate.initial_mean]):
+    if not estimate.parameters and all(choice.start is None for choice in [*choices, estimate.initial_mean]):
         findings.add(("estimate",), "nothing is left to estimate: all is known; give a start in place of a known")
     if estimate.process_noise.start is None and set(estimate.starts.scale) != {1.0}:
         findings.add(("estimate", "starts", "scale"), "scales the start of process_noise, which is known here")

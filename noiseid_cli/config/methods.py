@@ -9,6 +9,15 @@ from pydantic import Field
 from noiseid_cli.config.base import Base, Count, NotNegative, refuse
 from noiseid_cli.config.suggest import did_you_mean
 
+KINDS = {
+    "Q": "process_noise",
+    "R": "measurement_noise",
+    "m0": "initial_mean",
+    "P0": "initial_covariance",
+    "parameters": "parameters",
+}
+"""Every kind of unknown, with its place in the ``estimate`` section."""
+
 
 class MethodOptions(Base):
     """What every method has: its name. A subclass gives ``method`` its one value.
@@ -17,11 +26,13 @@ class MethodOptions(Base):
         summary: one line for ``noiseid methods``.
         estimates: which unknowns it can estimate.
         citation: the paper it is from.
+        can: the kinds of unknown that it can estimate, of ``KINDS``.
     """
 
     summary: ClassVar[str] = ""
     estimates: ClassVar[str] = ""
     citation: ClassVar[str] = ""
+    can: ClassVar[frozenset[str]] = frozenset()
 
     method: str = Field(description="the method; default: the label it stands under")
     structure: Literal["full", "diagonal", "scale"] | None = Field(
@@ -38,6 +49,7 @@ class EmOptions(MethodOptions):
         "P. Axelsson, U. Orguner, F. Gustafsson, M. Norrlof: ML estimation of process noise variance in dynamic "
         "systems, poster, 2011 (EM with an extended Kalman smoother)"
     )
+    can: ClassVar[frozenset[str]] = frozenset({"Q", "R", "m0", "P0"})
 
     method: Literal["em"] = Field(
         default="em", description="expectation maximisation; default: the label it stands under"
@@ -73,6 +85,7 @@ class Alg2Options(MethodOptions):
     summary: ClassVar[str] = "minimisation of the path error of the extended Kalman filter; needs the true path"
     estimates: ClassVar[str] = "Q (diagonal)"
     citation: ClassVar[str] = EmOptions.citation.replace("EM with an extended Kalman smoother", "Alg. 2")
+    can: ClassVar[frozenset[str]] = frozenset({"Q"})
 
     method: Literal["alg2"] = Field(
         default="alg2", description="minimisation of the path error; default: the label it stands under"
@@ -98,6 +111,7 @@ class Alg3Options(MethodOptions):
     summary: ClassVar[str] = "iterative sample covariance of the noise that the smoothed states imply; biased low"
     estimates: ClassVar[str] = "Q (full, diagonal, blocks, scale, entries held)"
     citation: ClassVar[str] = EmOptions.citation.replace("EM with an extended Kalman smoother", "Alg. 3")
+    can: ClassVar[frozenset[str]] = frozenset({"Q"})
 
     method: Literal["alg3"] = Field(
         default="alg3", description="iterative covariance estimation; default: the label it stands under"

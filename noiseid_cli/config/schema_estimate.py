@@ -134,6 +134,22 @@ class MeanChoice(Base):
         return self
 
 
+class ParameterChoice(Base):
+    """A parameter of the model that is estimated."""
+
+    start: float = Field(description="where the estimation starts from, in the parameter's unit")
+    lower: float | None = Field(default=None, description="lower bound; 0 for what cannot be negative; default: none")
+    upper: float | None = Field(default=None, description="upper bound; default: none")
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.lower is not None and self.start <= self.lower:
+            refuse(f"must be above lower, {self.lower:g}, not {self.start:g}", at=["start"])
+        if self.upper is not None and self.start >= self.upper:
+            refuse(f"must be below upper, {self.upper:g}, not {self.start:g}", at=["start"])
+        return self
+
+
 class LogUniform(Base):
     """Factors whose logarithm is uniform."""
 
@@ -198,6 +214,9 @@ class Estimate(Base):
     measurement_noise: CovarianceChoice = Field(description="covariance of the measurement noise")
     initial_mean: MeanChoice = Field(description="mean of the first state of each test")
     initial_covariance: CovarianceChoice = Field(description="covariance of the first state, the same for all tests")
+    parameters: dict[Text, ParameterChoice] = Field(
+        default={}, description="parameters of the model that are estimated, by name; the others keep their values"
+    )
     starts: Starts = Field(default=Starts(), description="starts to be tried")
     methods: Annotated[dict[Label, Method], Field(min_length=1), BeforeValidator(name_methods)] = Field(
         default={"em": EmOptions()},

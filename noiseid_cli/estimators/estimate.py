@@ -9,12 +9,52 @@ from typing import Literal
 from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.models.recording import Array
 
-__all__ = ["Estimate", "NoiseValues", "Progress", "Status"]
+__all__ = ["Columns", "Estimate", "NoiseValues", "Parameters", "Progress", "Series", "Status"]
+
+Columns = tuple[tuple[str, str, str], ...]
+"""(name, unit, description) of each column of an array."""
 
 Status = Literal["converged", "max_passes", "stalled_fixed_point", "degenerate_data", "diverged", "numerical", "failed"]
 
 Progress = Callable[[int, float], None]
 """Called after each pass over the data with the pass number (from 1) and the log-likelihood."""
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """Scalar unknowns that were estimated: parameters of the model, moments of the first state.
+
+    Attributes:
+        names: of each unknown.
+        start, final: (p,) values.
+        standard_errors: (p,) of the final values; NaN where unknown, None where the method gives none.
+    """
+
+    names: Columns
+    start: Array
+    final: Array
+    standard_errors: Array | None = None
+
+
+@dataclass(frozen=True)
+class Series:
+    """Curves over one axis that belong to an estimate, such as a parameter over time or over tests.
+
+    Attributes:
+        name: an identifier, unique within the estimate.
+        title: what it shows.
+        axis: name and unit of the axis.
+        at: (n,) values on the axis.
+        columns: of each curve.
+        values: (n, k) the curves.
+    """
+
+    name: str
+    title: str
+    axis: tuple[str, str]
+    at: Array
+    columns: Columns
+    values: Array
 
 
 @dataclass(frozen=True)
@@ -36,6 +76,8 @@ class Estimate:
             (passes,) as well, see there.
         safeguards: each safeguard that acted, in a sentence.
         settings: the options in force, for the report.
+        parameters: scalar unknowns beside Q, R, m0 and P0; None where there are none.
+        series: curves that the method has to show.
     """
 
     method: str
@@ -50,3 +92,5 @@ class Estimate:
     trace: dict[str, Array] = field(default_factory=dict)
     safeguards: tuple[str, ...] = ()
     settings: dict[str, str | float | int] = field(default_factory=dict)
+    parameters: Parameters | None = None
+    series: tuple[Series, ...] = ()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -15,6 +15,26 @@ from noiseid_cli.models.recording import Array
 
 # A standard deviation below this share of its start has gone to zero, which EM never leaves.
 GONE = 1e-10
+
+
+@dataclass(frozen=True)
+class ParameterUnknowns:
+    """The model's parameters that are estimated.
+
+    Attributes:
+        names: as the model declares them.
+        start: (p,) where the estimation starts.
+        lower, upper: (p,) bounds; -inf and inf where there are none.
+    """
+
+    names: tuple[str, ...] = ()
+    start: Array = field(default_factory=lambda: np.empty(0))
+    lower: Array = field(default_factory=lambda: np.empty(0))
+    upper: Array = field(default_factory=lambda: np.empty(0))
+
+    def __len__(self) -> int:
+        """Number of them."""
+        return len(self.names)
 
 
 @dataclass(frozen=True)

@@ -14,14 +14,14 @@ from noiseid_cli.outcome import UnitResult
 from noiseid_cli.pipeline.context import Context
 from noiseid_cli.pipeline.datasets import file_attributes
 from noiseid_cli.pipeline.methods import Task, run_method
-from noiseid_cli.pipeline.problem import pose
+from noiseid_cli.pipeline.problem import pose, pose_parameters
 from noiseid_cli.pipeline.units import EstimateUnit
 
 if TYPE_CHECKING:
     from noiseid_cli.config.methods import MethodOptions
     from noiseid_cli.diagnostics.evaluation import Evaluation
-    from noiseid_cli.estimators.unknowns import Unknowns
-    from noiseid_cli.models.recording import Dataset
+    from noiseid_cli.estimators.unknowns import ParameterUnknowns, Unknowns
+    from noiseid_cli.models.recording import Array, Dataset
 
 
 def make_estimate(context: Context, unit: EstimateUnit, progress: Progress | None = None) -> UnitResult:
@@ -42,7 +42,8 @@ def make_estimate(context: Context, unit: EstimateUnit, progress: Progress | Non
         own = section.process_noise.model_copy(update={"structure": unit.options.structure})
         section = section.model_copy(update={"process_noise": own})
     start, unknowns = pose(section, dataset, context.compiled, unit.start.factors, unit.start.measurement_factor)
-    estimate = _run(context, dataset, start, unknowns, unit.options, progress)
+    parameters = pose_parameters(section)
+    estimate = _run(context, dataset, start, (unknowns, parameters), unit.options, progress)
     structure = section.process_noise.structure
     words = structure if isinstance(structure, str) else "blocks"
     estimate = replace(estimate, settings={"structure": words, **estimate.settings})
@@ -69,6 +70,7 @@ def make_estimate(context: Context, unit: EstimateUnit, progress: Progress | Non
         seed=context.experiment.seed,
         held_out={} if held_out is None else _score(context, held_out, candidates),
         held_out_tests=0 if held_out is None else len(held_out.recordings),
+        parameters_true=_true_parameters(context, estimate),
     )
     write_result(unit.path, result, file_attributes(context, unit.key))
     return result
@@ -78,7 +80,7 @@ def _run(
     context: Context,
     dataset: Dataset,
     start: NoiseValues,
-    unknowns: Unknowns,
+    unknowns: tuple[Unknowns, ParameterUnknowns],
     options: MethodOptions,
     progress: Progress | None,
 ) -> Estimate:
@@ -87,7 +89,7 @@ def _run(
 
     settings = options.model_dump(exclude={"method", "structure"})
     try:
-        task = Task(context.compiled, dataset.recordings, start, unknowns, settings, progress)
+        task = Task(context.compiled, context.model, dataset.recordings, start, *unknowns, settings, progress)
         return run_method(options.method, task)
     except FilterDivergedError as error:
         return Estimate(
@@ -102,6 +104,14 @@ def _run(
             seconds=0.0,
             settings=settings,
         )
+
+
+def _true_parameters(context: Context, estimate: Estimate) -> Array | None:
+    """Truth of the estimated scalars: a simulation is made with the model's own values."""
+    if estimate.parameters is None or context.experiment.simulate is None:
+        return None
+    values = context.model.values
+    return np.array([values.get(name, np.nan) for name, _, _ in estimate.parameters.names])
 
 
 def _evaluate(context: Context, dataset: Dataset, candidates: dict[str, NoiseValues]) -> dict[str, Evaluation]:

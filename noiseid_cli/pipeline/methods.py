@@ -10,8 +10,9 @@ from noiseid_cli.errors import EstimationError
 
 if TYPE_CHECKING:
     from noiseid_cli.estimators.estimate import Estimate, Progress
-    from noiseid_cli.estimators.unknowns import Unknowns
+    from noiseid_cli.estimators.unknowns import ParameterUnknowns, Unknowns
     from noiseid_cli.models.compiled import CompiledModel
+    from noiseid_cli.models.equations import Model
     from noiseid_cli.models.noise import NoiseValues
     from noiseid_cli.models.recording import Recording
 
@@ -22,16 +23,20 @@ class Task:
 
     Attributes:
         model, recordings: model and data.
+        equations: the model's equations, of which ``model`` is the compiled form.
         start: noise values to start from, the known ones among them.
-        unknowns: what is estimated.
+        unknowns: which parts of the noise values are estimated.
+        parameters: which of the model's parameters are estimated.
         options: the method's options by name.
         progress: called after each pass.
     """
 
     model: CompiledModel
+    equations: Model
     recordings: Sequence[Recording]
     start: NoiseValues
     unknowns: Unknowns
+    parameters: ParameterUnknowns
     options: dict[str, Any]
     progress: Progress | None
 
@@ -43,7 +48,27 @@ def run_method(name: str, task: Task) -> Estimate:
         EstimationError: the method cannot estimate what is asked; it names those that can.
         FilterDivergedError: the filter fails at the start.
     """
+    _refuse_what_it_cannot(name, task)
     return _METHODS[name](task)
+
+
+def _refuse_what_it_cannot(name: str, task: Task) -> None:
+    from noiseid_cli.config.methods import KINDS, METHOD_OPTIONS
+
+    asked = {
+        "Q": task.unknowns.Q is not None,
+        "R": task.unknowns.R is not None,
+        "m0": task.unknowns.m0,
+        "P0": task.unknowns.P0 is not None,
+        "parameters": len(task.parameters) > 0,
+    }
+    wanted = {kind for kind, is_asked in asked.items() if is_asked}
+    beyond = wanted - METHOD_OPTIONS[name].can
+    if beyond:
+        others = [other for other, options in METHOD_OPTIONS.items() if wanted <= options.can]
+        able = f"these can: {', '.join(others)}" if others else "no method estimates all that is asked"
+        places = ", ".join(f"estimate.{KINDS[kind]}" for kind in KINDS if kind in beyond)
+        raise EstimationError(f"{name} cannot estimate what {places} asks for: give it as known, or {able}")
 
 
 def _em(t: Task) -> Estimate:
@@ -55,8 +80,8 @@ def _em(t: Task) -> Estimate:
 def _alg2(t: Task) -> Estimate:
     from noiseid_cli.estimators import alg2
 
-    if t.unknowns.Q is None or t.unknowns.R is not None or t.unknowns.P0 is not None or t.unknowns.m0:
-        raise EstimationError("alg2 estimates Q and nothing else: give the rest as known, or use em")
+    if t.unknowns.Q is None:
+        raise EstimationError("alg2 estimates Q: give process_noise a start in place of known, or use em")
     if not t.unknowns.Q.is_diagonal:
         raise EstimationError(
             "alg2 estimates a diagonal Q with every variance free: give it `structure: diagonal` and hold no entry, "

@@ -9,7 +9,7 @@ import numpy as np
 
 from noiseid_cli.errors import EstimationError
 from noiseid_cli.estimators.structure import CovarianceStructure
-from noiseid_cli.estimators.unknowns import Unknowns
+from noiseid_cli.estimators.unknowns import ParameterUnknowns, Unknowns
 from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.models.recording import Array, Dataset
 
@@ -44,6 +44,17 @@ def pose(
     m0 = _mean(section.initial_mean, dataset)
     unknowns = Unknowns(Q=unknown_Q, R=unknown_R, P0=unknown_P0, m0=section.initial_mean.start is not None)
     return NoiseValues(Q, R, m0, P0), unknowns
+
+
+def pose_parameters(section: Estimate) -> ParameterUnknowns:
+    """The model's parameters that are estimated."""
+    chosen = section.parameters.values()
+    return ParameterUnknowns(
+        names=tuple(section.parameters),
+        start=np.array([c.start for c in chosen], dtype=float),
+        lower=np.array([-np.inf if c.lower is None else c.lower for c in chosen], dtype=float),
+        upper=np.array([np.inf if c.upper is None else c.upper for c in chosen], dtype=float),
+    )
 
 
 def _covariance(

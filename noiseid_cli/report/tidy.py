@@ -56,6 +56,7 @@ def _rows(result: UnitResult, study: Study) -> Iterator[Row]:
     yield "", "seconds", "", result.seconds, "s"
     yield "", "estimation_seconds", "", result.estimate.seconds, "s"
     yield "", "seed", "", result.seed, ""
+    yield from _parameter_rows(result)
     for at in PLACES:
         yield from _covariance_rows(result, at)
         found = result.evaluations.get(at)
@@ -65,6 +66,19 @@ def _rows(result: UnitResult, study: Study) -> Iterator[Row]:
             yield at, "loglik", "", loglik(result, at), ""
     for label, found in result.held_out.items():
         yield from _evaluation_rows(result, f"held_out_{label}", found, study.path_unit())
+
+
+def _parameter_rows(result: UnitResult) -> Iterator[Row]:
+    found = result.estimate.parameters
+    if found is None:
+        return
+    for i, (name, unit, _) in enumerate(found.names):
+        yield "start", "parameter", name, float(found.start[i]), unit
+        yield "estimate", "parameter", name, float(found.final[i]), unit
+        if found.standard_errors is not None:
+            yield "estimate", "parameter_standard_error", name, float(found.standard_errors[i]), unit
+        if result.parameters_true is not None:
+            yield "truth", "parameter", name, float(result.parameters_true[i]), unit
 
 
 def _covariance_rows(result: UnitResult, at: At) -> Iterator[Row]:

@@ -23,6 +23,7 @@ from noiseid_cli.outcome import UnitResult
 from noiseid_cli.storage import hdf5
 from noiseid_cli.storage.atomic import publish
 from noiseid_cli.storage.layout import add_columns, add_index, add_labels, columns_of, labels_of, put
+from noiseid_cli.storage.unknowns import fill_parameters, fill_series, parameter_values, read_parameters, read_series
 
 if TYPE_CHECKING:
     import h5py
@@ -145,6 +146,11 @@ def _fill_estimate(file: h5py.File, result: UnitResult) -> None:
         if true is not None:
             put(truth, letter, true, *_VALUES[letter])
     _fill_trace(file.create_group("trace", track_order=True), estimate.trace)
+    if estimate.parameters is not None:
+        fill_parameters(file.create_group("parameters"), estimate.parameters, result.parameters_true)
+    curves = file.create_group("series", track_order=True)
+    for series in estimate.series:
+        fill_series(curves, series)
 
 
 def _fill_trace(group: h5py.Group, trace: dict[str, Array]) -> None:
@@ -200,6 +206,7 @@ def _result(file: h5py.File) -> UnitResult:
         seed=int(file.attrs["seed"]),
         held_out={label: _evaluation(group, sizes) for label, group in file["held_out"].items()},
         held_out_tests=int(file.attrs["held_out_tests"]),
+        parameters_true=parameter_values(file, "truth"),
     )
 
 
@@ -218,6 +225,8 @@ def _estimate(file: h5py.File, sizes: dict[str, int]) -> Estimate:
         trace={name: _array(file["trace"], name, tuple(shape)) for name, shape in shapes.items()},
         safeguards=tuple(json.loads(file.attrs["safeguards"])),
         settings=json.loads(file.attrs["settings"]),
+        parameters=read_parameters(file),
+        series=tuple(read_series(name, group) for name, group in file["series"].items()) if "series" in file else (),
     )
 
 

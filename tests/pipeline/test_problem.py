@@ -6,7 +6,7 @@ import pytest
 from noiseid_cli.config.schema_estimate import Estimate
 from noiseid_cli.errors import EstimationError
 from noiseid_cli.models.recording import Dataset, Recording
-from noiseid_cli.pipeline.problem import pose
+from noiseid_cli.pipeline.problem import pose, pose_parameters
 
 
 class Sizes:
@@ -131,3 +131,17 @@ def test_forms_of_the_initial_mean():
         pose(named, dataset("one", "three"), Sizes)
     with pytest.raises(EstimationError, match="dataset data has no true states: give"):
         pose(section(initial_mean={"known": "truth"}), dataset("one", truth=False), Sizes)
+
+
+def test_parameters_to_be_estimated_keep_their_order_and_bounds():
+    choices = {"b": {"start": 2.0, "lower": 0.0}, "a": {"start": -1.0, "upper": 3.0}}
+    found = pose_parameters(section(parameters=choices))
+    assert found.names == ("b", "a")
+    np.testing.assert_array_equal([found.start, found.lower, found.upper], [[2, -1], [0, -np.inf], [np.inf, 3]])
+    assert len(pose_parameters(section())) == 0
+
+
+@pytest.mark.parametrize("bounds", [{"lower": 1.0}, {"upper": 1.0}, {"lower": 2.0, "upper": 3.0}])
+def test_a_parameter_starts_within_its_bounds(bounds):
+    with pytest.raises(ValueError, match="must be (above lower|below upper)"):
+        section(parameters={"a": {"start": 1.0, **bounds}})

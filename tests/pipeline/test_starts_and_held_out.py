@@ -95,3 +95,18 @@ def test_a_method_may_have_a_structure_of_its_own(tmp_path):
     assert diagonal.settings["structure"] == "diagonal"
     assert np.count_nonzero(full.final.Q) == 16
     assert np.count_nonzero(diagonal.final.Q) == 4
+
+
+@pytest.mark.parametrize(
+    ("setting", "method", "said"),
+    [
+        ("estimate.measurement_noise={start: {std: [1, 1, 1, 1]}}", "alg3", r"estimate\.measurement_noise.*: em"),
+        ("estimate.parameters={m1: {start: 90}}", "em", r"em cannot estimate what estimate\.parameters asks for"),
+    ],
+)
+def test_what_a_method_cannot_estimate_is_refused_with_those_that_can(tmp_path, setting, method, said):
+    context = opened(tmp_path, setting)
+    for dataset in dataset_units(context):
+        make_dataset(context, dataset)
+    with pytest.raises(EstimationError, match=said):
+        make_estimate(context, estimate_units(context, [method])[0])

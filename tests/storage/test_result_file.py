@@ -11,7 +11,7 @@ from hypothesis.extra.numpy import arrays
 
 from noiseid_cli.diagnostics.evaluation import Evaluation
 from noiseid_cli.errors import DataError
-from noiseid_cli.estimators.estimate import Estimate, NoiseValues
+from noiseid_cli.estimators.estimate import Estimate, NoiseValues, Parameters, Series
 from noiseid_cli.outcome import UnitResult
 from noiseid_cli.storage.provenance import provenance
 from noiseid_cli.storage.result_file import read_result, read_result_attributes, write_result
@@ -35,6 +35,10 @@ def assert_same(a, b):
         assert list(a) == list(b)
         for name in a:
             assert_same(a[name], b[name])
+    elif isinstance(a, tuple):
+        assert len(a) == len(b)
+        for x, y in zip(a, b, strict=True):
+            assert_same(x, y)
     else:
         assert a == b
 
@@ -59,6 +63,14 @@ def results(draw):
         trace if draw(st.booleans()) else {"other": part(2, 5), "odd": part(3)},
         ("one acted",), {"acceleration": "none", "tolerance": 1e-6, "max_passes": 7, "cap": float("inf")},
     )  # fmt: skip
+    count = draw(st.integers(0, 2))
+    unknowns = tuple((f"p{k}", "", "") for k in range(count))
+    series = Series("p", "over tests", ("test", ""), part(n), unknowns, part(n, count))
+    parameters = Parameters(unknowns, part(count), part(count), part(count) if draw(st.booleans()) else None)
+    estimate = replace(estimate, series=(series,) * draw(st.integers(0, 1)))
+    if draw(st.booleans()):
+        estimate = replace(estimate, parameters=parameters)
+    truth = part(count) if estimate.parameters is not None and draw(st.booleans()) else None
     columns = lambda letter, size: tuple((f"{letter}{k}", "N m", "a torque") for k in range(size))  # noqa: E731
     return UnitResult(
         "replicate-000/em/start-0", "demo", "em-plain", 1, "× 0.01", 3, estimate,
@@ -66,7 +78,7 @@ def results(draw):
         columns("v", nv), columns("y", ny), columns("x", nx), tuple(f"test-{k}" for k in range(tests)),
         part(nv, nv) if draw(st.booleans()) else None, part(ny, ny) if draw(st.booleans()) else None,
         12.5, 2**127 + 1,
-        {label: evaluation(label) for label in ("start", "estimate") if draw(st.booleans())}, 3,
+        {label: evaluation(label) for label in ("start", "estimate") if draw(st.booleans())}, 3, truth,
     )  # fmt: skip
 
 
