@@ -3,7 +3,21 @@
 from __future__ import annotations
 
 from noiseid_cli.commands.console import guarded
-from noiseid_cli.commands.options import RUNS, Config, DryRun, Force, Jobs, Json, Method, Out, Quiet, Seed, Set, Verbose
+from noiseid_cli.commands.options import (
+    RUNS,
+    Config,
+    DryRun,
+    Force,
+    Jobs,
+    Json,
+    Method,
+    Out,
+    Quiet,
+    Seed,
+    Set,
+    Verbose,
+    Wait,
+)
 
 
 @guarded
@@ -16,6 +30,7 @@ def estimate(
     out: Out = RUNS,
     force: Force = False,
     dry_run: DryRun = False,
+    wait: Wait = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
     json: Json = False,
@@ -28,7 +43,17 @@ def estimate(
     from noiseid_cli.pipeline.reporting import show_results
 
     job = open_job(
-        config, out, overrides, seed, jobs=jobs, force=force, dry_run=dry_run, quiet=quiet, verbose=verbose, json=json
+        config,
+        out,
+        overrides,
+        seed,
+        jobs=jobs,
+        force=force,
+        dry_run=dry_run,
+        wait=wait,
+        quiet=quiet,
+        verbose=verbose,
+        json=json,
     )
     job.estimate(method)
     job.finish(None if dry_run else show_results(job.context, method))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from noiseid_cli.commands.console import guarded
-from noiseid_cli.commands.options import RUNS, Config, DryRun, Force, Jobs, Json, Out, Quiet, Seed, Set, Verbose
+from noiseid_cli.commands.options import RUNS, Config, DryRun, Force, Jobs, Json, Out, Quiet, Seed, Set, Verbose, Wait
 
 
 @guarded
@@ -15,6 +15,7 @@ def import_(
     out: Out = RUNS,
     force: Force = False,
     dry_run: DryRun = False,
+    wait: Wait = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
     json: Json = False,
@@ -23,7 +24,17 @@ def import_(
     from noiseid_cli.commands.stages import open_job
 
     job = open_job(
-        config, out, overrides, seed, jobs=jobs, force=force, dry_run=dry_run, quiet=quiet, verbose=verbose, json=json
+        config,
+        out,
+        overrides,
+        seed,
+        jobs=jobs,
+        force=force,
+        dry_run=dry_run,
+        wait=wait,
+        quiet=quiet,
+        verbose=verbose,
+        json=json,
     )
     job.make_data("import")
     job.finish()

@@ -24,6 +24,7 @@ Jobs = Annotated[int, typer.Option("--jobs", "-j", metavar="N", min=1, help="Num
 Out = Annotated[Path, typer.Option("--out", "-o", metavar="FOLDER", help="Folder of all experiments.")]
 Force = Annotated[bool, typer.Option("--force", "-f", help="Do again what is done already.")]
 DryRun = Annotated[bool, typer.Option("--dry-run", "-n", help="Say what would be done, and do nothing.")]
+Wait = Annotated[bool, typer.Option("--wait", help="Wait for a run that is at work in the same folder.")]
 Method = Annotated[
     list[str] | None,
     typer.Option(

@@ -3,7 +3,21 @@
 from __future__ import annotations
 
 from noiseid_cli.commands.console import guarded
-from noiseid_cli.commands.options import RUNS, Config, DryRun, Force, Jobs, Json, Method, Out, Quiet, Seed, Set, Verbose
+from noiseid_cli.commands.options import (
+    RUNS,
+    Config,
+    DryRun,
+    Force,
+    Jobs,
+    Json,
+    Method,
+    Out,
+    Quiet,
+    Seed,
+    Set,
+    Verbose,
+    Wait,
+)
 
 
 @guarded
@@ -16,6 +30,7 @@ def run(
     out: Out = RUNS,
     force: Force = False,
     dry_run: DryRun = False,
+    wait: Wait = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
     json: Json = False,
@@ -29,7 +44,17 @@ def run(
     from noiseid_cli.pipeline.units import chosen_methods, data_stage, dataset_units
 
     job = open_job(
-        config, out, overrides, seed, jobs=jobs, force=force, dry_run=dry_run, quiet=quiet, verbose=verbose, json=json
+        config,
+        out,
+        overrides,
+        seed,
+        jobs=jobs,
+        force=force,
+        dry_run=dry_run,
+        wait=wait,
+        quiet=quiet,
+        verbose=verbose,
+        json=json,
     )
     context = job.context
     estimates = context.experiment.estimate is not None

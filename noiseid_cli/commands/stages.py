@@ -39,6 +39,7 @@ class Job:
     jobs: int
     force: bool
     dry_run: bool
+    wait: bool
     json: bool
     stages: dict[str, list[Token]] = field(default_factory=dict)
     waiting: int = 0
@@ -58,7 +59,7 @@ class Job:
             ]
             return
         with self.listener:
-            tokens = run_units(self.context, stage, units, self.listener, self.jobs, self.force)
+            tokens = run_units(self.context, stage, units, self.listener, self.jobs, self.force, self.wait)
         self.stages[stage] = tokens
         failed = sum(token.state == "failed" for token in tokens)
         if failed and len(tokens) > 1:
@@ -183,6 +184,7 @@ def open_job(
     jobs: int = 1,
     force: bool = False,
     dry_run: bool = False,
+    wait: bool = False,
     quiet: bool = False,
     verbose: bool = False,
     json: bool = False,
@@ -195,4 +197,4 @@ def open_job(
     heard = listener(quiet, verbose)
     heard.say(found.sentence)
     context = open_experiment(found.file, out, overrides or (), seed, heard.say)
-    return Job(context, heard, jobs, force, dry_run, json)
+    return Job(context, heard, jobs, force, dry_run, wait, json)

@@ -8,7 +8,7 @@ processes or on the order. A unit that fails is a token too: the others go on.
 from __future__ import annotations
 
 from collections.abc import Generator, Sequence
-from contextlib import closing
+from contextlib import closing, nullcontext
 
 from noiseid_cli.pipeline.context import Context
 from noiseid_cli.pipeline.making import Listener, Token, Unit, found, make
@@ -22,6 +22,7 @@ def run_units(
     listener: Listener,
     jobs: int = 1,
     force: bool = False,
+    wait: bool = False,
 ) -> list[Token]:
     """Make every unit that is not there; with ``force``, all of them.
 
@@ -32,10 +33,25 @@ def run_units(
         listener: is told what goes on.
         jobs: number of processes; 1 works in this one.
         force: make units anew that are there.
+        wait: wait for a run that is at work in the same folder.
 
     Returns:
         One token per unit, in the order of ``units``.
+
+    Raises:
+        DataError: another run is at work in the same folder.
     """
+    from noiseid_cli.storage.lock import locked
+
+    # With nothing to make, a folder may be anybody's, or not be writable at all.
+    at_rest = not force and all(unit.done for unit in units)
+    with nullcontext() if at_rest else locked(context.folder, listener.say, wait):
+        return _run(context, stage, units, listener, jobs, force)
+
+
+def _run(
+    context: Context, stage: str, units: Sequence[Unit], listener: Listener, jobs: int, force: bool
+) -> list[Token]:
     from noiseid_cli.storage.atomic import sweep_parts
 
     for folder in {unit.path.parent for unit in units}:

@@ -63,6 +63,8 @@ def make_report_stage(context: Context, methods: list[str] | None = None, anew: 
     Raises:
         DataError: there is no result that can be read, or the report cannot be written.
     """
+    from noiseid_cli.storage.lock import locked
+
     study, sources = gather(context, methods)
     shown = _shown(study)
     folder = context.folder / "report"
@@ -81,9 +83,11 @@ def make_report_stage(context: Context, methods: list[str] | None = None, anew: 
         return replace(shown, page=folder / before["files"][0])
     context.say("report: tables, figures and pages")
     try:
-        names = _write(study, folder, context.experiment.report.formats, before.get("files", ()))
-        index = json.dumps({"key": key, "files": names}, indent=1)
-        (folder / _INDEX).write_text(index, encoding="utf-8")
+        # Two reports at once would mix; each takes seconds, so that waiting needs no asking.
+        with locked(folder, context.say, wait=True):
+            names = _write(study, folder, context.experiment.report.formats, before.get("files", ()))
+            index = json.dumps({"key": key, "files": names}, indent=1)
+            (folder / _INDEX).write_text(index, encoding="utf-8")
     except OSError as error:
         where = error.filename or folder
         raise DataError(f"the report cannot be written: {where}: {error.strerror}; mend that, or use --out") from error
