@@ -1,6 +1,6 @@
 """One run at a time in the folder of an experiment.
 
-The lock is the operating system's (flock): it ends with the process that holds it, however that ends, so that no lock is
+The lock is the operating system's (flock): it ends with the process that holds it, however that ends, so that none is
 ever left behind. The file that carries it stays; its text says who holds it, for people.
 """
 

@@ -64,10 +64,10 @@ def test_waiting_ends_when_the_other_run_does(tmp_path, holder):
 
 
 def test_two_folders_do_not_disturb_each_other(tmp_path):
-    with locked(tmp_path / "a", print), locked(tmp_path / "b", print):
-        with pytest.raises(DataError), locked(tmp_path / "a", print):
-            pass
-    with locked(tmp_path / "a", print):
+    a, b = tmp_path / "a", tmp_path / "b"
+    with locked(a, print), locked(b, print), pytest.raises(DataError), locked(a, print):
+        pass
+    with locked(a, print):
         pass
 
 
