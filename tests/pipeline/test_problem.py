@@ -143,5 +143,5 @@ def test_parameters_to_be_estimated_keep_their_order_and_bounds():
 
 @pytest.mark.parametrize("bounds", [{"lower": 1.0}, {"upper": 1.0}, {"lower": 2.0, "upper": 3.0}])
 def test_a_parameter_starts_within_its_bounds(bounds):
-    with pytest.raises(ValueError, match="must be (above lower|below upper)"):
+    with pytest.raises(ValueError, match=r"must be (above lower|below upper)"):
         section(parameters={"a": {"start": 1.0, **bounds}})
