@@ -25,7 +25,8 @@ class ModelNames:
     Attributes:
         states, inputs, noises, outputs, parameters: names, in the order of the model's vectors.
         sample_time: the model's own interval between samples, s; None where it has none.
-        discretisation: the model's own, one of discrete, euler, rk4; None where that is not known.
+        discretisation: the model's own, one of discrete, euler, rk4, exact; None where that is not known.
+        nonlinearity: why its dynamics are not linear, in words; empty where they are, or where nobody asks.
     """
 
     states: tuple[str, ...]
@@ -35,6 +36,7 @@ class ModelNames:
     parameters: tuple[str, ...] = ()
     sample_time: float | None = None
     discretisation: str | None = None
+    nonlinearity: str = ""
 
 
 @dataclass
@@ -87,10 +89,14 @@ def _check_model(findings: Findings, model: ModelNames) -> None:
         and (chosen.discretisation == "discrete") != (model.discretisation == "discrete")
     ):
         kind = "give the next state" if model.discretisation == "discrete" else "are differential equations"
-        allowed = "discrete" if model.discretisation == "discrete" else "euler or rk4"
+        allowed = "discrete" if model.discretisation == "discrete" else "euler, rk4 or exact"
         findings.add(
             ("model", "discretisation"),
             f"the model's equations {kind}: only {allowed} fits, not {chosen.discretisation}",
+        )
+    elif chosen.discretisation == "exact" and model.nonlinearity:
+        findings.add(
+            ("model", "discretisation"), f"exact is for linear dynamics only; {model.nonlinearity}: take rk4 or euler"
         )
 
 

@@ -31,8 +31,10 @@ class ModelChoice(Base):
     parameters: dict[Text, float] = Field(
         default={}, description="parameter values that replace the model's, in its units"
     )
-    discretisation: Literal["euler", "rk4", "discrete"] | None = Field(
-        default=None, description="how the equations become steps; default: the model's own"
+    discretisation: Literal["euler", "rk4", "exact", "discrete"] | None = Field(
+        default=None,
+        description="how the equations become steps; exact, by the matrix exponential, is for linear ones only; "
+        "default: the model's own",
     )
 
     @model_validator(mode="after")

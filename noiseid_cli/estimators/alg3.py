@@ -23,7 +23,7 @@ from noiseid_cli.filters.ekf import FilterDivergedError, extended_kalman_filter
 from noiseid_cli.filters.linalg import left_solve
 from noiseid_cli.filters.smoother import extended_kalman_smoother
 from noiseid_cli.models.compiled import CompiledModel
-from noiseid_cli.models.discretisation import transition, work_size
+from noiseid_cli.models.discretisation import transition, workspace
 from noiseid_cli.models.jit import kernel
 from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.models.recording import Array, Recording
@@ -245,7 +245,7 @@ def _noise(scheme, drift_jacobian, p, dt, u, m, v):  # type: ignore[no-untyped-d
     x_next = np.empty(n)
     J1 = np.empty((n, n))
     F2 = np.empty((n, nv))
-    work = np.empty(work_size(n, nv))
+    work = workspace(n, nv)
     L = np.empty((n, nv + 1))
     w = np.empty(nv + 1)
     for k in range(N - 1):

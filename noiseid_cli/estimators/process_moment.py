@@ -7,7 +7,7 @@ from numba import types
 
 from noiseid_cli.filters.ekf import cube
 from noiseid_cli.filters.linalg import absorb, left_solve
-from noiseid_cli.models.discretisation import transition, work_size
+from noiseid_cli.models.discretisation import transition, workspace
 from noiseid_cli.models.jit import kernel
 from noiseid_cli.models.signatures import DriftJacobian, matrix, vector
 
@@ -54,7 +54,7 @@ def process_smoothed(scheme, drift_jacobian, p, dt, u, m, U, gain, C, U_v):  # t
     x_next = np.empty(n)
     J1 = np.empty((n, n))
     F2 = np.empty((n, nv))
-    work = np.empty(work_size(n, nv))
+    work = workspace(n, nv)
     L = np.empty((n, nv + total_rows))
     w = np.empty(nv + total_rows)
     W = np.empty((nv + total_rows, nv))

@@ -16,7 +16,7 @@ from numba import types
 from noiseid_cli.errors import NoiseidError
 from noiseid_cli.filters.linalg import triangularise, upper_factor
 from noiseid_cli.models.compiled import CompiledModel
-from noiseid_cli.models.discretisation import transition, work_size
+from noiseid_cli.models.discretisation import transition, workspace
 from noiseid_cli.models.jit import kernel, routine
 from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.models.recording import Array, Recording
@@ -228,7 +228,7 @@ def _filter(  # type: ignore[no-untyped-def]
     w = np.empty(ny + n)
     e = np.empty(ny)
     W_pred = np.empty((n + nv, n))
-    work = np.empty(work_size(n, nv))
+    work = workspace(n, nv)
     loglik = 0.0
     for k in range(N):
         output_jacobian(m_pred[k], u[k], p, y_hat, H[k])

@@ -51,7 +51,7 @@ class Description:
         summary: the class's docstring, its paragraphs unwrapped.
         citation: the work it is from.
         sample_time: s.
-        discretisation: ``euler``, ``rk4`` or ``discrete``.
+        discretisation: ``euler``, ``rk4``, ``exact`` or ``discrete``.
         equations: definitions first, in the order in which they build on each other.
         tables: states, inputs, noises, outputs, performances and parameters; empty ones left out.
     """

@@ -1,16 +1,26 @@
 """From continuous equations to x_next = F1(x, u) + F2(x) v, with exact Jacobians of the discrete map.
 
-Input and noise are held over the interval. The noise is per sample: v is the held value, not a spectral density.
+Input and noise are held over the interval. The noise is per sample, v being the held value, unless the scheme says
+that it is a density: then v has the unit of the noise per root hertz, and its held value is v / sqrt(dt).
 """
 
 from __future__ import annotations
 
+import math
+
+import numpy as np
+
+from noiseid_cli.models.exponential import held_exponential
 from noiseid_cli.models.jit import routine
 
 DISCRETE = 0  # the equations give the next state themselves
 EULER = 1
 RK4 = 2
-SCHEMES = {"discrete": DISCRETE, "euler": EULER, "rk4": RK4}
+EXACT = 3  # for equations that are linear in states and noises
+SCHEMES = {"discrete": DISCRETE, "euler": EULER, "rk4": RK4, "exact": EXACT}
+
+DENSITY = 16
+"""Added to a scheme: the covariance of v is a density, that of the held noise is v's divided by dt."""
 
 
 @routine
@@ -18,18 +28,18 @@ def transition(scheme, jacobian, x, u, dt, p, x_next, F, G, work):  # type: igno
     """One step with its Jacobians: x_next = F1(x, u), F = dF1/dx, G = F2 = dx_next/dv at v = 0.
 
     Args:
-        scheme: DISCRETE, EULER or RK4.
+        scheme: DISCRETE, EULER, RK4 or EXACT, with DENSITY added where v is a density.
         jacobian: the model's drift_jacobian.
         x, u, p: state (n,), input (nu,), parameters (np,).
         dt: interval, s.
         x_next, F, G: outputs, (n,), (n, n), (n, nv).
-        work: scratch (work_size(n, nv),); not read for DISCRETE and EULER.
+        work: ``workspace(n, nv)``; EXACT keeps its last exponential there, for the next step like this one.
     """
     n, nv = G.shape
-    if scheme == DISCRETE:
+    kind = scheme - DENSITY if scheme >= DENSITY else scheme
+    if kind == DISCRETE:
         jacobian(x, u, p, x_next, F, G)
-        return
-    if scheme == EULER:
+    elif kind == EULER:
         jacobian(x, u, p, x_next, F, G)
         for i in range(n):
             x_next[i] = x[i] + dt * x_next[i]
@@ -38,8 +48,45 @@ def transition(scheme, jacobian, x, u, dt, p, x_next, F, G, work):  # type: igno
             F[i, i] += 1.0
             for j in range(nv):
                 G[i, j] *= dt
-        return
-    _runge_kutta(jacobian, x, u, dt, p, x_next, F, G, work)
+    elif kind == EXACT:
+        _exact(jacobian, x, u, dt, p, x_next, F, G, work)
+    else:
+        _runge_kutta(jacobian, x, u, dt, p, x_next, F, G, work)
+    if scheme >= DENSITY:
+        scale = 1.0 / math.sqrt(dt)
+        for i in range(n):
+            for j in range(nv):
+                G[i, j] *= scale
+
+
+@routine
+def _exact(jacobian, x, u, dt, p, x_next, F, G, work):  # type: ignore[no-untyped-def]
+    """Exact step of x' = A x + B v + c: F = exp(A dt), G = Psi B, x_next = x + Psi f with f = A x + c."""
+    n, nv = G.shape
+    nn = n * n
+    A = work[1 : 1 + nn].reshape(n, n)
+    Phi = work[1 + nn : 1 + 2 * nn].reshape(n, n)
+    Psi = work[1 + 2 * nn : 1 + 3 * nn].reshape(n, n)
+    f = work[1 + 3 * nn : 1 + 3 * nn + n]
+    B = work[1 + 3 * nn + n : 1 + 3 * nn + n + n * nv].reshape(n, nv)
+    jacobian(x, u, p, f, F, B)
+    known = work[0] == dt
+    for i in range(n):
+        for j in range(n):
+            known = known and A[i, j] == F[i, j]
+    if not known:
+        A[:, :] = F
+        held_exponential(A, dt, Phi, Psi, work[1 + 3 * nn + n + n * nv :])
+        work[0] = dt
+    for i in range(n):
+        x_next[i] = x[i]
+        for j in range(n):
+            F[i, j] = Phi[i, j]
+            x_next[i] += Psi[i, j] * f[j]
+        for c in range(nv):
+            G[i, c] = 0.0
+            for j in range(n):
+                G[i, c] += Psi[i, j] * B[j, c]
 
 
 @routine
@@ -55,7 +102,7 @@ def _runge_kutta(jacobian, x, u, dt, p, x_next, F, G, work):  # type: ignore[no-
     k = work[n : 2 * n]
     A = work[2 * n : 2 * n + n * n].reshape(n, n)
     B = work[2 * n + n * n : 2 * n + n * n + n * nv].reshape(n, nv)
-    stages = work[2 * n + n * n + n * nv :].reshape(3, n, columns)
+    stages = work[2 * n + n * n + n * nv :][: 3 * n * columns].reshape(3, n, columns)
     K, K_new, total = stages[0], stages[1], stages[2]
     K[:] = 0.0
     total[:] = 0.0
@@ -87,6 +134,8 @@ def _runge_kutta(jacobian, x, u, dt, p, x_next, F, G, work):  # type: ignore[no-
 
 
 @routine
-def work_size(n, nv):  # type: ignore[no-untyped-def]
-    """Length of the scratch array that ``transition`` wants."""
-    return 2 * n + n * n + n * nv + 3 * n * (n + nv + 1)
+def workspace(n, nv):  # type: ignore[no-untyped-def]
+    """The scratch array that ``transition`` wants; zeros, since no interval is 0 s, mean that nothing is kept yet."""
+    runge_kutta = 2 * n + n * n + n * nv + 3 * n * (n + nv + 1)
+    exact = 1 + 5 * n * n + 2 * n + n * nv
+    return np.zeros(max(runge_kutta, exact))

@@ -20,9 +20,10 @@ from noiseid_cli.models.declarations import (
     symbol,
     unknown_name,
 )
+from noiseid_cli.models.linearity import nonlinearity
 from noiseid_cli.models.recording import Array
 
-DISCRETISATIONS = ("discrete", "euler", "rk4")
+DISCRETISATIONS = ("discrete", "euler", "rk4", "exact")
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,8 @@ class Model:
         states, inputs, noises, outputs, performances: names and units of the vectors x, u, v, y and z.
         parameters: names, default values and units of the vector p.
         sample_time: interval between samples in a simulation, s.
-        discretisation: how f becomes a step: ``euler``, ``rk4``, or ``discrete`` where f is the next state.
+        discretisation: how f becomes a step: ``euler``, ``rk4``, ``exact`` (f linear in states and noises), or
+            ``discrete`` where f is the next state.
         citation: the work that the model is from.
         latex_names: LaTeX of names that sympy does not render well, such as ``{"dqa1": r"\dot q_{a1}"}``.
     """
@@ -156,6 +158,8 @@ class Model:
             performance=self._expressions("performance", (x, u, p), self.performances, known),
         )
         self._check_noise(equations)
+        if self.discretisation == "exact" and (why := nonlinearity(equations)):
+            raise ModelError(f"{self.name}: discretisation exact is for linear dynamics only; {why}. Take rk4.")
         return equations
 
     def _definitions(self, x: Symbols, u: Symbols, v: Symbols, p: Symbols) -> dict[Any, Any]:

@@ -111,6 +111,7 @@ class Context:
             parameters,
             sample_time=model.sample_time or None,
             discretisation=type(model).discretisation,
+            nonlinearity=self._nonlinearity(model),
         )
         problems = check_against(self.loaded, names)
         if problems:
@@ -118,6 +119,20 @@ class Context:
         if self.experiment.report.published is not None:
             # Found out now, and not when all units have run.
             load_published(self.loaded.resolve(self.experiment.report.published))
+
+    def _nonlinearity(self, model: Model) -> str:
+        """Why the model cannot be discretised exactly, where the experiment asks for it; empty if it can."""
+        from noiseid_cli.models.linearity import nonlinearity
+
+        own = type(model).discretisation
+        if self.experiment.model.discretisation != "exact" or own in ("exact", "discrete"):
+            return ""
+        # Asked as the class's own scheme: with exact in force the equations would refuse themselves, without a place.
+        model.discretisation = own  # type: ignore[misc]
+        try:
+            return nonlinearity(model.equations())
+        finally:
+            model.discretisation = "exact"  # type: ignore[misc]
 
 
 def open_experiment(

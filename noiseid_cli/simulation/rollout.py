@@ -16,7 +16,7 @@ from numba import types
 
 from noiseid_cli.errors import DataError
 from noiseid_cli.models.compiled import CompiledModel
-from noiseid_cli.models.discretisation import transition, work_size
+from noiseid_cli.models.discretisation import transition, workspace
 from noiseid_cli.models.jit import kernel
 from noiseid_cli.models.recording import Array
 from noiseid_cli.models.signatures import DriftJacobian, f8, matrix, vector
@@ -96,7 +96,7 @@ def rollout(
     x, u = np.array(x0, dtype=float), np.zeros(compiled.nu)
     x_next, h = np.empty(compiled.nx), np.empty(compiled.ny)
     F, G = np.empty((compiled.nx, compiled.nx)), np.empty((compiled.nx, compiled.nv))
-    work = np.empty(work_size(compiled.nx, compiled.nv))
+    work = workspace(compiled.nx, compiled.nv)
     reads = list(controller.reads)
     controller.start()
     for k in range(N):

@@ -54,7 +54,7 @@ def test_what_fits(overrides):
 
 SIMULATED = [
     ("model.parameters={G: 1}", "model.parameters.G", "parameters: g, j1; did you mean g?"),
-    ("model.discretisation=discrete", "model.discretisation", "only euler or rk4 fits"),
+    ("model.discretisation=discrete", "model.discretisation", "only euler, rk4 or exact fits"),
     ("simulate.process_noise.std=[1, 2]", "simulate.process_noise.std", "but the model has 4 process noises"),
     ("simulate.measurement_noise={full: [[1]]}", "simulate.measurement_noise.full", "4 outputs: qm1, qm2, as, an"),
     ("simulate.initial_state=[1]", "simulate.initial_state", "1 numbers, but the model has 8 states"),
@@ -152,3 +152,13 @@ def test_problems_point_into_the_file():
     line = problem.excerpt
     assert line.strip().startswith("start: {std: [1, 1]}")
     assert line[problem.column - 1 :].startswith("[1, 1]")
+
+
+def test_the_exact_scheme_is_for_linear_models():
+    model = ModelNames(**{**vars(ROBOT), "nonlinearity": "the rate of dqa1 is not linear: why"})
+    (problem,) = simulated("model.discretisation=exact", model=model)
+    assert problem.path == "model.discretisation"
+    assert (
+        problem.message == "exact is for linear dynamics only; the rate of dqa1 is not linear: why: take rk4 or euler"
+    )
+    assert simulated("model.discretisation=exact") == []

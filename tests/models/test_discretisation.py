@@ -6,7 +6,7 @@ import sympy as sp
 
 from noiseid_cli.models import Model, Parameter, Quantity
 from noiseid_cli.models.compile import compile_model
-from noiseid_cli.models.discretisation import SCHEMES, transition, work_size
+from noiseid_cli.models.discretisation import SCHEMES, transition, workspace
 from noiseid_cli.models.equations import DISCRETISATIONS
 
 
@@ -37,7 +37,7 @@ def pendulum():
 def step(compiled, scheme, x, u, dt):
     n, nv = compiled.nx, compiled.nv
     x_next, F, G = np.full(n, np.nan), np.full((n, n), np.nan), np.full((n, nv), np.nan)
-    work = np.full(work_size(n, nv), np.nan)
+    work = workspace(n, nv)
     transition(scheme, compiled.drift_jacobian, x, u, dt, compiled.parameters, x_next, F, G, work)
     return x_next, F, G
 
@@ -65,7 +65,8 @@ def test_schemes_are_those_that_models_may_name():
     assert set(SCHEMES) == set(DISCRETISATIONS)
 
 
-@pytest.mark.parametrize("scheme", sorted(SCHEMES))
+# The pendulum is not linear: for the exact scheme see test_exact_discretisation.py.
+@pytest.mark.parametrize("scheme", sorted(set(SCHEMES) - {"exact"}))
 def test_step_and_jacobians_equal_the_textbook_step_and_its_differences(pendulum, scheme):
     rng = np.random.default_rng(2)
     h = 1e-3

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from noiseid_cli.models.discretisation import transition, work_size
+from noiseid_cli.models.discretisation import transition, workspace
 
 
 def step(model, x, u, dt):
     """F1, its Jacobian and F2 of one step."""
     n, nv = model.nx, model.nv
     x_next, F, G = np.empty(n), np.empty((n, n)), np.empty((n, nv))
-    work = np.empty(work_size(n, nv))
+    work = workspace(n, nv)
     transition(model.scheme, model.drift_jacobian, x, u, dt, model.parameters, x_next, F, G, work)
     return x_next, F, G
 

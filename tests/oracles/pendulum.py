@@ -5,7 +5,7 @@ import sympy
 
 from noiseid_cli.models import Model, Parameter, Quantity
 from noiseid_cli.models.compile import compile_model
-from noiseid_cli.models.discretisation import transition, work_size
+from noiseid_cli.models.discretisation import transition, workspace
 from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.models.recording import Recording
 
@@ -43,7 +43,7 @@ def pendulum_case(seed, lengths=(40,), missing=0.0, q=0.5, r=(0.03, 0.5)):
         x = noise.m0[i] + np.sqrt(np.diag(noise.P0)) * rng.normal(size=2)
         u, y = 2 * np.sin(0.2 * np.arange(N))[:, None], np.empty((N, 2))
         dt = 0.05 * rng.uniform(0.5, 1.5, size=N - 1)
-        x_next, F, G, work = np.empty(2), np.empty((2, 2)), np.empty((2, 1)), np.empty(work_size(2, 1))
+        x_next, F, G, work = np.empty(2), np.empty((2, 2)), np.empty((2, 1)), workspace(2, 1)
         for k in range(N):
             model.output(x, u[k], model.parameters, y[k])
             y[k] += np.array(r) * rng.normal(size=2)

@@ -9,7 +9,7 @@ import pytest
 from noiseid_cli.errors import DataError, ModelError
 from noiseid_cli.models import Model, Quantity
 from noiseid_cli.models.compile import compile_model
-from noiseid_cli.models.discretisation import transition, work_size
+from noiseid_cli.models.discretisation import transition, workspace
 from noiseid_cli.models.registry import load_model, load_model_file
 from noiseid_cli.simulation import signals
 from noiseid_cli.simulation.motions import MOTIONS, Multisine, Plan, Square, Steps, Zero, plan_motion
@@ -120,7 +120,7 @@ def test_dataset_carries_the_truth(robot):
 def recovered_noise(compiled, r):
     """Least-squares solution v of x_next = F1 + F2 v along the true states."""
     x_next, F = np.empty(compiled.nx), np.empty((compiled.nx, compiled.nx))
-    G, work = np.empty((compiled.nx, compiled.nv)), np.empty(work_size(compiled.nx, compiled.nv))
+    G, work = np.empty((compiled.nx, compiled.nv)), workspace(compiled.nx, compiled.nv)
     v = []
     for k in range(r.samples - 1):
         arguments = (r.x_true[k].copy(), r.u[k].copy(), r.dt[k], compiled.parameters)
