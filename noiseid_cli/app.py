@@ -28,6 +28,7 @@ from noiseid_cli.commands import (  # noqa: E402
     run,
     schema,
     simulate,
+    status,
 )
 from noiseid_cli.commands.console import stop_on_signals  # noqa: E402
 
@@ -46,6 +47,7 @@ app.command()(simulate.simulate)
 app.command("import")(import_.import_)
 app.command()(estimate.estimate)
 app.command()(report.report)
+app.command()(status.status)
 app.command()(check.check)
 app.command()(init.init)
 app.command()(inspect.inspect)

@@ -2,14 +2,15 @@
 
 A unit writes its own file before it returns; what travels back is a short token. So whatever ends a run, the files
 that are there are complete, and the next run goes on with the missing ones. The results do not depend on the number of
-processes or on the order. A unit that fails is a token too: the others go on.
+processes or on the order. A unit that fails is a token too: the others go on, and a record of it stays in its place.
 """
 
 from __future__ import annotations
 
 from collections.abc import Generator, Sequence
-from contextlib import closing, nullcontext
+from contextlib import closing, nullcontext, suppress
 
+from noiseid_cli.errors import DataError
 from noiseid_cli.pipeline.context import Context
 from noiseid_cli.pipeline.making import Listener, Token, Unit, found, make
 from noiseid_cli.pipeline.workers import in_processes
@@ -65,11 +66,25 @@ def _run(
     workers = min(jobs, len(todo))
     at_work = _here(context, todo, listener) if workers <= 1 else in_processes(context, todo, listener, workers)
     # Closed at once when the run is interrupted: worker processes end with it.
+    by_name = {unit.name: unit for unit in todo}
     with closing(at_work):
         for token in at_work:
             tokens[token.unit] = token
+            _keep_record(context, by_name[token.unit], token)
             listener.end(token)
     return [tokens[unit.name] for unit in units]
+
+
+def _keep_record(context: Context, unit: Unit, token: Token) -> None:
+    """Leave a record of a unit that failed; take away that of one that has succeeded."""
+    from noiseid_cli.storage.failure_file import forget_failure, record_failure
+
+    # A folder that takes no record any more, such as on a full disk, must not end the run: the token tells all.
+    with suppress(DataError, OSError):
+        if token.state == "failed":
+            record_failure(unit.path, unit.name, token.message, token.tries, unit.key, context.loaded.resolved())
+        else:
+            forget_failure(unit.path)
 
 
 def _here(context: Context, units: Sequence[Unit], listener: Listener) -> Generator[Token]:

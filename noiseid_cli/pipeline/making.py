@@ -27,6 +27,7 @@ class Token:
         message: for ``failed``, why; else a short result.
         status: of an estimate, see ``estimators.estimate.Status``; empty for a dataset.
         seconds: wall-clock time.
+        tries: how often it was tried in this run.
     """
 
     unit: str
@@ -35,6 +36,7 @@ class Token:
     message: str = ""
     status: str = ""
     seconds: float = 0.0
+    tries: int = 1
 
     @property
     def unfinished(self) -> bool:

@@ -1,7 +1,8 @@
 """Worker processes: each is handed one unit at a time through a pipe, and tells through it what goes on.
 
-A worker that dies (for want of memory, say) fails its unit only. An interrupt is the parent's affair: workers never
-see Ctrl-C, and are ended by the parent at once. If the parent itself is killed, they notice at their next word.
+A worker that dies (for want of memory, say) puts off its unit only; a unit at which three workers died is given up. An
+interrupt is the parent's affair: workers never see Ctrl-C, and are ended by the parent at once. If the parent itself is
+killed, they notice at their next word.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import multiprocessing
 import signal
 import traceback
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -23,8 +24,11 @@ from noiseid_cli.errors import DataError, NoiseidError
 from noiseid_cli.pipeline.context import Context, Say, open_experiment
 from noiseid_cli.pipeline.making import Listener, Token, Unit, make
 
+TRIES = 3
+"""So many workers may die at a unit before it is given up."""
+
 _DIED = (
-    "its worker process died with exit code {} (killed for want of memory?): "
+    "its worker process died {} times, the last time with exit code {} (killed for want of memory?): "
     "run the same command again, with fewer --jobs if memory is short"
 )
 
@@ -122,6 +126,7 @@ def in_processes(context: Context, units: Sequence[Unit], listener: Listener, wo
     loaded = context.loaded
     recipe = _Recipe(loaded.file.absolute(), context.root, context.overrides, context.seed, context.fingerprint)
     waiting = deque(units)
+    deaths: Counter[str] = Counter()
     crew: list[_Worker] = []
     try:
         while waiting and len(crew) < workers:
@@ -130,10 +135,17 @@ def in_processes(context: Context, units: Sequence[Unit], listener: Listener, wo
             ready: list[Any] = connection.wait([worker.pipe for worker in crew])
             for worker in [w for w in crew if w.pipe in ready]:
                 token = _hear(worker, listener)
-                if token is None:
-                    continue
-                yield token
                 dead = worker.pipe.closed
+                if dead:
+                    deaths[worker.unit.name] += 1
+                    token = _bury(worker, deaths[worker.unit.name])
+                    if token is None:
+                        listener.say(f"{worker.unit.name}: its worker process died; it is tried again.")
+                        waiting.append(worker.unit)
+                elif token is None:
+                    continue
+                if token is not None:
+                    yield token
                 if waiting and not dead:
                     _hand_over(worker, waiting.popleft())
                     continue
@@ -154,7 +166,7 @@ def _hear(worker: _Worker, listener: Listener) -> Token | None:
     except (EOFError, OSError):
         worker.process.join()
         worker.pipe.close()
-        return Token(worker.unit.name, worker.unit.path, "failed", _DIED.format(worker.process.exitcode))
+        return None
     if what == "bug":
         raise WorkerError(told[0])
     if what == "end":
@@ -162,6 +174,15 @@ def _hear(worker: _Worker, listener: Listener) -> Token | None:
         return token
     getattr(listener, what)(*told)
     return None
+
+
+def _bury(worker: _Worker, deaths: int) -> Token | None:
+    """The token of a unit at which so many workers have died; None if it is to be tried again."""
+    unit = worker.unit
+    if deaths < TRIES:
+        return None
+    message = _DIED.format(deaths, worker.process.exitcode)
+    return Token(unit.name, unit.path, "failed", message, tries=deaths)
 
 
 def _hire(recipe: _Recipe, unit: Unit) -> _Worker:

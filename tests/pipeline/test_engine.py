@@ -14,7 +14,8 @@ from noiseid_cli.pipeline.kernels import SENTENCE, kernels_announced
 from noiseid_cli.pipeline.making import Token
 from noiseid_cli.pipeline.units import dataset_units, estimate_units
 from noiseid_cli.pipeline.wording import counted
-from noiseid_cli.pipeline.workers import WorkerError
+from noiseid_cli.pipeline.workers import TRIES, WorkerError
+from noiseid_cli.storage.failure_file import read_failure
 
 
 class Record:
@@ -74,7 +75,37 @@ def test_a_failed_unit_is_a_token_and_the_others_go_on(small, monkeypatch):
     tokens = run_units(context, "simulate", dataset_units(context), record)
     assert [t.state for t in tokens] == ["made", "failed", "made"]
     assert tokens[1].message == "it rained"
-    assert [u.done for u in dataset_units(context)] == [True, False, True]
+    units = dataset_units(context)
+    assert [u.done for u in units] == [True, False, True]
+    assert read_failure(units[1].path).reason == "it rained"
+    monkeypatch.undo()
+    assert [t.state for t in run_units(context, "simulate", units, record)] == ["there", "made", "there"]
+    assert read_failure(units[1].path) is None
+
+
+def test_a_failure_that_cannot_be_recorded_does_not_end_the_run(small, monkeypatch):
+    from noiseid_cli.pipeline import datasets
+    from noiseid_cli.storage import failure_file
+
+    def full(*_):
+        raise DataError("the disk is full")
+
+    monkeypatch.setattr(datasets, "make_dataset", full)
+    monkeypatch.setattr(failure_file, "publish", full)
+    context = opened(small, "simulate.replicates=2")
+    tokens = run_units(context, "simulate", dataset_units(context), Record())
+    assert [t.message for t in tokens] == ["the disk is full"] * 2
+
+
+def test_a_unit_whose_worker_dies_once_is_tried_again(small):
+    # The first worker leaves a mark and dies; the next one finds the mark.
+    code = "mark = __file__ + '.mark'\n    if not os.path.exists(mark):\n        open(mark, 'x').close(); os._exit(3)\n"
+    (small.parent / "cart.py").write_text(MODEL + IN_A_WORKER + code)
+    context, record = opened(small, "simulate.replicates=2"), Record()
+    tokens = run_units(context, "simulate", dataset_units(context), record, jobs=2)
+    assert [t.state for t in tokens] == ["made"] * 2
+    again = [sentence for (sentence,) in record.of("say") if sentence.endswith("died; it is tried again.")]
+    assert again[0].startswith("replicate-00")
 
 
 IN_A_WORKER = "\nimport multiprocessing, os\nif multiprocessing.parent_process() is not None:\n    "
@@ -83,7 +114,7 @@ IN_A_WORKER = "\nimport multiprocessing, os\nif multiprocessing.parent_process()
 @pytest.mark.parametrize(
     ("code", "message"),
     [
-        ("os._exit(3)", "its worker process died with exit code 3 "),
+        ("os._exit(3)", "its worker process died 3 times, the last time with exit code 3 "),
         ("raise ValueError('no')", "ValueError: no"),
         ("Cart.parameters = (*Cart.parameters, Parameter('z', 1.0))", "was changed while this run started"),
     ],
@@ -94,6 +125,8 @@ def test_workers_that_cannot_begin_fail_their_units(small, code, message):
     tokens = run_units(context, "simulate", dataset_units(context), record, jobs=2)
     assert [t.state for t in tokens] == ["failed"] * 3
     assert all(message in t.message for t in tokens)
+    assert [t.tries for t in tokens] == [TRIES if "died" in message else 1] * 3
+    assert [read_failure(t.path).tries for t in tokens] == [t.tries for t in tokens]
     assert sorted(token.unit for (token,) in record.of("end")) == [t.unit for t in tokens]
 
 
