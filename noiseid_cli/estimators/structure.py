@@ -181,6 +181,44 @@ class CovarianceStructure:
             at += p + p * (p - 1) // 2
         return Q
 
+    def jacobian(self, z: Array) -> Array:
+        """(coordinates, p, p) exact derivatives of ``covariance`` in each coordinate."""
+        Q = self.covariance(z)
+        out = np.zeros((len(z), *Q.shape))
+        if self.scale:
+            out[0] = 2.0 * Q
+            return out
+        if self.held:
+            s = np.sqrt(np.diag(self.start))
+            for a, (i, j) in enumerate(self.free):
+                out[a, i, j] = out[a, j, i] = 2.0 * Q[i, i] if i == j else s[i] * s[j]
+            return out
+        at = 0
+        for block in self.blocks:
+            L = np.linalg.cholesky(Q[np.ix_(block, block)])
+            p = len(block)
+            places = [(i, i) for i in range(p)] + [(i, j) for i in range(p) for j in range(i)]
+            for i, j in places:
+                # log L_ii scales row i of L; L_ij / L_ii moves the one entry.
+                d = np.zeros_like(L)
+                d[i] = L[i] if i == j else np.eye(p)[j] * L[i, i]
+                out[at][np.ix_(block, block)] = d @ L.T + L @ d.T
+                at += 1
+        return out
+
+    @cached_property
+    def coordinate_places(self) -> tuple[tuple[int, int], ...]:
+        """Entry (i, j), i >= j, that each coordinate belongs to; (-1, -1) for a factor on the whole."""
+        if self.scale:
+            return ((-1, -1),)
+        if self.held:
+            return self.free
+        places: list[tuple[int, int]] = []
+        for block in self.blocks:
+            places += [(i, i) for i in block]
+            places += [(block[a], block[b]) for a in range(len(block)) for b in range(a)]
+        return tuple(places)
+
 
 def _objective(Q: Array, S: Array) -> float:
     """-[log det Q + tr(Q^-1 S)], minus infinity outside the positive definite matrices."""

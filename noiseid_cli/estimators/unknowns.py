@@ -87,38 +87,38 @@ class Unknowns:
             P0 = self.P0.maximise(np.mean(second + d[:, :, None] * d[:, None, :], axis=0), P0)
         return NoiseValues(Q, R, m0, P0)
 
-    def _covariances(self, *noises: NoiseValues) -> Iterator[tuple[str, CovarianceStructure, tuple[Array, ...]]]:
+    def covariances(self, *noises: NoiseValues) -> Iterator[tuple[str, CovarianceStructure, tuple[Array, ...]]]:
         """Name, structure and values of each unknown covariance."""
         for name, structure in (("Q", self.Q), ("R", self.R), ("P0", self.P0)):
             if structure is not None:
                 yield name, structure, tuple(getattr(noise, name) for noise in noises)
 
-    def _mean_scale(self, noise: NoiseValues) -> Array:
+    def mean_scale(self, noise: NoiseValues) -> Array:
         """(nx,) unit in which the initial mean is a free coordinate."""
         return _scale(noise.P0 if self.P0 is None else self.P0.start)
 
     def pack(self, noise: NoiseValues) -> Array:
         """Free coordinates of the noise values, see ``CovarianceStructure.coordinates``; means in units of sqrt P0."""
-        parts = [structure.coordinates(value) for _, structure, (value,) in self._covariances(noise)]
+        parts = [structure.coordinates(value) for _, structure, (value,) in self.covariances(noise)]
         if self.m0:
-            parts.append(noise.m0[0] / self._mean_scale(noise))
+            parts.append(noise.m0[0] / self.mean_scale(noise))
         return np.concatenate(parts)
 
     def unpack(self, z: Array, like: NoiseValues) -> NoiseValues:
         """The noise values at coordinates z; known parts are taken from ``like``."""
         at = 0
         out = like
-        for name, structure, (value,) in self._covariances(like):
+        for name, structure, (value,) in self.covariances(like):
             size = len(structure.coordinates(value))
             out = replace(out, **{name: structure.covariance(z[at : at + size])})
             at += size
         if self.m0:
-            out = replace(out, m0=np.tile(z[at:] * self._mean_scale(like), (len(like.m0), 1)))
+            out = replace(out, m0=np.tile(z[at:] * self.mean_scale(like), (len(like.m0), 1)))
         return out
 
     def gone(self, noise: NoiseValues) -> str:
         """Name of a covariance of which a standard deviation has fallen below ``GONE`` of its start; empty if none."""
-        for _, structure, (value,) in self._covariances(noise):
+        for _, structure, (value,) in self.covariances(noise):
             if np.any(np.sqrt(np.diag(value)) < GONE * np.sqrt(np.diag(structure.start))):
                 return structure.what
         return ""
@@ -126,7 +126,7 @@ class Unknowns:
     def change(self, old: NoiseValues, new: NoiseValues) -> float:
         """Largest change of a log standard deviation, a correlation, or an initial mean in units of sqrt P0."""
         out = 0.0
-        for _, _, (a, b) in self._covariances(old, new):
+        for _, _, (a, b) in self.covariances(old, new):
             sa, sb = np.sqrt(np.diag(a)), np.sqrt(np.diag(b))
             with np.errstate(divide="ignore", invalid="ignore"):
                 steps = [np.abs(np.log(sb / sa)), np.abs(b / np.outer(sb, sb) - a / np.outer(sa, sa)).ravel()]

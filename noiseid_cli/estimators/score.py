@@ -1,0 +1,106 @@
+"""Score and complete-data information of the unknown noise values, in free coordinates, from one pass of EM.
+
+By Fisher's identity the score is the expected gradient of the complete-data log-likelihood. With M the second moment of
+the noise given the data (EM's M-step without structure) and n the number of steps it is, for a covariance Q,
+
+    dl/dQ = n/2 Q^-1 (M - Q) Q^-1,
+
+and the complete-data information of Q in directions A and B is n/2 tr(Q^-1 A Q^-1 B) (Dempster, Laird & Rubin, JRSS B
+39, 1977). The statistics are those of the filter's own linearisation: for a linear model the score is that of the
+log-likelihood which the filter reports; for a nonlinear one it leaves out that the points of linearisation move.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from noiseid_cli.estimators.em_statistics import FILTERED, Statistics, e_step
+from noiseid_cli.estimators.unknowns import Unknowns
+from noiseid_cli.models.compiled import CompiledModel
+from noiseid_cli.models.noise import NoiseValues
+from noiseid_cli.models.recording import Array, Recording
+
+
+@dataclass(frozen=True)
+class Score:
+    """One pass at one point.
+
+    Attributes:
+        loglik: log-likelihood that the filter reports.
+        gradient: (d,) score in the coordinates of ``Unknowns.pack``.
+        complete: (d, d) information that the noise itself would hold, were it recorded.
+    """
+
+    loglik: float
+    gradient: Array
+    complete: Array
+
+
+def score(model: CompiledModel, recordings: Sequence[Recording], noise: NoiseValues, unknowns: Unknowns) -> Score:
+    """Log-likelihood, score and complete-data information at one point.
+
+    Args:
+        model, recordings: the problem.
+        noise: the point; unknown covariances must be positive definite.
+        unknowns: what is unknown, which gives the coordinates.
+
+    Raises:
+        FilterDivergedError: the filter fails at this point.
+        LinAlgError: an unknown covariance is singular.
+    """
+    blocks = None if unknowns.R is None else unknowns.R.block_of
+    statistics = e_step(model, recordings, noise, FILTERED, blocks)
+    gradients, informations = [], []
+    for name, structure, (value,) in unknowns.covariances(noise):
+        counts, moment = _moment(name, statistics, noise)
+        directions = structure.jacobian(structure.coordinates(value))
+        scale = np.sqrt(np.diag(value))
+        inverse = np.linalg.inv(value / np.outer(scale, scale)) / np.outer(scale, scale)
+        known = np.where(np.isfinite(moment), moment, value)
+        if not structure.scale:
+            known = np.where(structure.block_of[:, None] == structure.block_of[None, :], known, 0.0)
+        slope = 0.5 * counts[:, None] * (inverse @ (known - value) @ inverse)
+        turned = np.array([inverse @ direction for direction in directions])
+        gradients.append(np.einsum("ij,aij->a", slope, directions))
+        informations.append(0.5 * np.einsum("i,aij,bji->ab", counts, turned, turned))
+    if unknowns.m0:
+        g, information = _mean_score(statistics, noise, unknowns.mean_scale(noise))
+        gradients.append(g)
+        informations.append(information)
+    return Score(statistics.loglik, np.concatenate(gradients), _block_diagonal(informations))
+
+
+def _moment(name: str, statistics: Statistics, noise: NoiseValues) -> tuple[Array, Array]:
+    """(p,) number of noises that each row stands for, and (p, p) their mean second moment given the data."""
+    if name == "Q":
+        return np.full(len(noise.Q), float(statistics.steps)), statistics.moment_v
+    if name == "R":
+        return statistics.samples, statistics.moment_e
+    d = statistics.m_first - noise.m0
+    second = statistics.U_first.transpose(0, 2, 1) @ statistics.U_first + d[:, :, None] * d[:, None, :]
+    return np.full(len(noise.P0), float(len(d))), second.mean(axis=0)
+
+
+def _mean_score(statistics: Statistics, noise: NoiseValues, scale: Array) -> tuple[Array, Array]:
+    """Score and complete-data information of the common initial mean, in units of ``scale``.
+
+    A component that is exactly known beforehand (no variance in P0) has neither.
+    """
+    free = np.diag(noise.P0) > 0.0
+    weight = np.zeros_like(noise.P0)
+    s = scale[free]
+    weight[np.ix_(free, free)] = np.linalg.inv(noise.P0[np.ix_(free, free)] / np.outer(s, s))
+    total = (statistics.m_first - noise.m0).sum(axis=0) / scale
+    return weight @ total, len(noise.m0) * weight
+
+
+def _block_diagonal(parts: Sequence[Array]) -> Array:
+    size = sum(len(part) for part in parts)
+    out, at = np.zeros((size, size)), 0
+    for part in parts:
+        out[at : at + len(part), at : at + len(part)] = part
+        at += len(part)
+    return out
