@@ -19,7 +19,8 @@ from noiseid_cli.models.recording import Array
 NOTHING = 1e-6
 # A direction is a ridge if one standard error along it moves a std by this factor, or a correlation by so much.
 RIDGE_FACTOR, RIDGE_CORRELATION = 2.0, 0.3
-SHOWN = 3
+# At most so many directions are told; beyond the weakest only those with a share below this.
+SHOWN, WEAK = 3, 0.1
 
 
 @dataclass(frozen=True)
@@ -67,8 +68,8 @@ def sentences(found: Directions, figures: Sequence[Figure], may_be_zero: Sequenc
     Args:
         found: the directions.
         figures: what is moved along them; slopes in the same coordinates.
-        may_be_zero: of each figure, whether a variance that it belongs to may be zero: what moves those is left out,
-            because they have bounds of their own.
+        may_be_zero: of each figure, whether a variance that it belongs to may be zero: a step along the direction
+            then means nothing, and is not told.
 
     Returns:
         One sentence a direction, at most ``SHOWN``; and those of them that are ridges.
@@ -79,7 +80,16 @@ def sentences(found: Directions, figures: Sequence[Figure], may_be_zero: Sequenc
     for k in range(len(found.shares)):
         share = float(found.shares[k])
         moved = _moved(figures, found.vectors[:, k] / np.sqrt(max(share, NOTHING)))
-        if len(told) == SHOWN or not moved or any(id(figure) in bounded for figure, _ in moved):
+        if len(told) == SHOWN or not moved or (told and share > WEAK):
+            break
+        if any(id(figure) in bounded for figure, _ in moved):
+            told.append(
+                f"The data do not determine {_joined([f.in_words() for f, _ in moved])}: a variance among them may be "
+                f"zero, and along one direction the data hold {_percent(share)} of what a recording of the noise "
+                "itself would tell."
+            )
+            if len({i for figure, _ in moved for i in figure.place}) > 1:
+                ridges.append(told[-1])
             continue
         if share <= NOTHING:
             text = f"The data say nothing about {_joined([f.in_words() for f, _ in moved])}"

@@ -9,7 +9,7 @@ the boundary gets a one-sided bound from the profile of the likelihood, see ``bo
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -113,10 +113,17 @@ def uncertainty(
     gone = free & _gone_pivots(unknowns, noise)
     kept = free & ~gone
     found = _solve(information, here.complete, kept)
-    shown = [replace(f, slope=np.where(kept, f.slope, 0.0)) for f in figures(model, unknowns, noise)]
+    shown = figures(model, unknowns, noise)
     zeros = _zeros(model, recordings, noise, unknowns, here, found, shown, level)
+    held = ""
+    if zeros and not found.determined.all():
+        # What may be zero is flat, and would leave nothing of the others.
+        kept &= ~np.any([_belongs(unknowns, noise, *zero) for zero in zeros], axis=0)
+        found = _solve(information, here.complete, kept)
+        held = "The standard errors of the others hold at its estimate what may be zero."
     told, ridges = sentences(found, shown, [_at_zero(f, zeros) for f in shown])
     remarks = [*ridges, *_boundary_remarks(unknowns, noise, gone), *_linearisation(here, sides, steps, found, kept)]
+    remarks += [held] if held else []
     labels = _labels(model, unknowns, noise)
     rows = [_row(figure, found, zeros, level) for figure in shown]
     se, lower, upper = (np.array([row[k] for row in rows], dtype=np.float64) for k in range(3))
@@ -167,6 +174,11 @@ def _labels(model: CompiledModel, unknowns: Unknowns, noise: NoiseValues) -> tup
         f"{letter} {'factor' if i < 0 else names[letter][i] if i == j else f'{names[letter][i]}, {names[letter][j]}'}"
         for letter, (i, j) in _places(unknowns, noise)
     )
+
+
+def _belongs(unknowns: Unknowns, noise: NoiseValues, letter: str, i: int) -> np.ndarray:
+    """(d,) whether a coordinate speaks of noise i: none of them has a meaning once its variance is zero."""
+    return np.array([at == letter and (i in place or place == (-1, -1)) for at, place in _places(unknowns, noise)])
 
 
 def _gone_pivots(unknowns: Unknowns, noise: NoiseValues) -> np.ndarray:
