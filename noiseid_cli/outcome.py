@@ -32,6 +32,9 @@ class UnitResult:
         seed: seed of the experiment.
         held_out: the same filters against tests that no method has seen, with the same keys; empty without such tests.
         held_out_tests: number of those tests.
+        density: Q is a density: its standard deviations are in the unit of the noise per root hertz.
+        interval: what converts one into the other, s: Q per sample = density / interval; the median of the data's.
+            None where nothing does (a discrete model, or a Q per sample on unequal intervals).
         parameters_true: (p,) truth of ``estimate.parameters``, NaN where not known; None where nothing is known.
     """
 
@@ -54,3 +57,5 @@ class UnitResult:
     held_out: dict[str, Evaluation] = field(default_factory=dict)
     held_out_tests: int = 0
     parameters_true: Array | None = None
+    density: bool = False
+    interval: float | None = None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from noiseid_cli.config.check_noise import check_choice, check_size
+from noiseid_cli.config.check_noise import check_choice, check_size, check_unit
 from noiseid_cli.config.document import Path
 from noiseid_cli.config.load import LoadedExperiment
 from noiseid_cli.config.schema_estimate import Estimate, MeanChoice
@@ -102,6 +102,7 @@ def _check_model(findings: Findings, model: ModelNames) -> None:
 
 def _check_simulate(findings: Findings, simulate: Simulate, model: ModelNames) -> None:
     check_size(findings.add, ("simulate", "process_noise"), simulate.process_noise, model.noises, "process noises")
+    check_unit(findings.add, ("simulate", "process_noise"), simulate.process_noise, model.discretisation)
     check_size(findings.add, ("simulate", "measurement_noise"), simulate.measurement_noise, model.outputs, "outputs")
     _check_length(findings, ("simulate", "initial_state"), simulate.initial_state, model.states, "states")
     size = simulate.samples * len(model.states) * simulate.tests * 8 / 2**30
@@ -183,6 +184,9 @@ def _check_estimate(findings: Findings, estimate: Estimate, model: ModelNames) -
     )
     for name, names, what in noises:
         check_choice(findings.add, ("estimate", name), getattr(estimate, name), names, what)
+    for name in ("known", "start"):
+        path = ("estimate", "process_noise", name)
+        check_unit(findings.add, path, getattr(estimate.process_noise, name), model.discretisation)
     _check_mean(findings, estimate.initial_mean, model)
     for name in estimate.parameters:
         if name not in model.parameters:

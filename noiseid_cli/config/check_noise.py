@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
-from noiseid_cli.config.covariance import Covariance, smallest_eigenvalue
+from noiseid_cli.config.covariance import Covariance, NoiseCovariance, smallest_eigenvalue
 from noiseid_cli.config.document import Path
 from noiseid_cli.config.schema_estimate import Blocks, CovarianceChoice
 from noiseid_cli.config.suggest import did_you_mean
@@ -25,6 +25,12 @@ def check_size(add: Add, path: Path, covariance: Covariance, names: Sequence[str
         f"has {covariance.size} entries, but the model has {len(names)} {what}: {', '.join(names)}",
     )
     return False
+
+
+def check_unit(add: Add, path: Path, covariance: NoiseCovariance | None, discretisation: str | None) -> None:
+    """Refuse a density where the equations give the next state: nothing says how their noise goes with the interval."""
+    if covariance is not None and covariance.unit == "density" and discretisation == "discrete":
+        add((*path, "unit"), "density goes with differential equations; this model is discrete: take per_sample")
 
 
 def check_choice(add: Add, path: Path, choice: CovarianceChoice, names: Sequence[str], what: str) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 from pydantic import ConfigDict, Field, model_validator
 
@@ -71,6 +71,16 @@ class Covariance(Base):
         std = np.array(self.std, dtype=np.float64)
         # s_i s_j before the correlation: the same product on both sides of the diagonal, so exactly symmetric.
         return np.outer(std, std) * (np.eye(len(std)) if self.correlation is None else np.array(self.correlation))
+
+
+class NoiseCovariance(Covariance):
+    """A covariance of the process noise, in one of three forms: std, diag or full; per sample or as a density."""
+
+    unit: Literal["per_sample", "density"] = Field(
+        default="per_sample",
+        description="per_sample: of the noise that is held over each interval; density: two-sided, std in the unit of "
+        "the noise per root hertz, the covariance per sample being density / interval, also where intervals differ",
+    )
 
 
 def _listed(given: list[str]) -> str:

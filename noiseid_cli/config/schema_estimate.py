@@ -16,7 +16,7 @@ from pydantic import (
 )
 
 from noiseid_cli.config.base import Base, Count, Label, Names, Numbers, Positive, Positives, Text, refuse, unique
-from noiseid_cli.config.covariance import Covariance
+from noiseid_cli.config.covariance import Covariance, NoiseCovariance
 from noiseid_cli.config.methods import EmOptions, MethodOptions, name_methods, pick_method
 from noiseid_cli.config.suggest import did_you_mean
 
@@ -90,6 +90,19 @@ class CovarianceChoice(Base):
         if self.structure == "scale" and self.fixed:
             refuse("with structure scale only the factor is estimated: nothing can be fixed", at=["fixed"])
         return self
+
+
+class ProcessNoiseChoice(CovarianceChoice):
+    """The covariance of the process noise, known or estimated from a start, per sample or as a density."""
+
+    known: NoiseCovariance | None = Field(default=None, description="the covariance, taken as it is")
+    start: NoiseCovariance | None = Field(default=None, description="where the estimation starts from")
+
+    @property
+    def density(self) -> bool:
+        """It is given, and so estimated, as a density."""
+        given = self.known or self.start
+        return given is not None and given.unit == "density"
 
 
 def _mean(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
@@ -210,7 +223,9 @@ Method = Annotated[SerializeAsAny[MethodOptions], BeforeValidator(pick_method)]
 class Estimate(Base):
     """Find the noise."""
 
-    process_noise: CovarianceChoice = Field(description="covariance of the process noise, per sample")
+    process_noise: ProcessNoiseChoice = Field(
+        description="covariance of the process noise; the estimate has the unit of what is given here"
+    )
     measurement_noise: CovarianceChoice = Field(description="covariance of the measurement noise")
     initial_mean: MeanChoice = Field(description="mean of the first state of each test")
     initial_covariance: CovarianceChoice = Field(description="covariance of the first state, the same for all tests")

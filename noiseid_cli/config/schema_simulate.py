@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, Strict, model_validator
 
 from noiseid_cli.config.base import Base, Count, NotNegatives, Numbers, Positive, WholeFrom2, refuse
-from noiseid_cli.config.covariance import Covariance
+from noiseid_cli.config.covariance import Covariance, NoiseCovariance
 
 
 class Square(Base):
@@ -73,7 +73,7 @@ class Simulate(Base):
     tests: Count = Field(default=1, description="number of tests in a dataset; they share the unknowns")
     replicates: Count = Field(default=1, description="number of datasets, each with noise of its own")
     trajectory: Trajectory = Field(description="the motion, or the inputs that make it")
-    process_noise: Covariance = Field(description="true covariance of the process noise, per sample")
+    process_noise: NoiseCovariance = Field(description="true covariance of the process noise")
     measurement_noise: Covariance = Field(description="true covariance of the measurement noise")
     held_out: HeldOut | None = Field(default=None, description="further tests on which the estimates are scored")
     initial_state: Numbers | None = Field(

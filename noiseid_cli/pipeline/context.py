@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -69,11 +69,25 @@ class Context:
         return model
 
     @cached_property
-    def compiled(self) -> CompiledModel:
-        """The model's compiled functions."""
+    def simulator(self) -> CompiledModel:
+        """The model's compiled functions, with a process noise per sample."""
         from noiseid_cli.models.compile import compile_model
 
         return compile_model(self.model, self.say)
+
+    @property
+    def density(self) -> bool:
+        """Estimation takes the covariance of the process noise as a density."""
+        section = self.experiment.estimate
+        return section is not None and section.process_noise.density
+
+    @property
+    def compiled(self) -> CompiledModel:
+        """The same as estimation takes it: where ``process_noise`` is a density, the covariance of its noise is one."""
+        from noiseid_cli.models.discretisation import DENSITY
+
+        model = self.simulator
+        return replace(model, scheme=model.scheme + DENSITY) if self.density else model
 
     @cached_property
     def model_digest(self) -> str:

@@ -53,12 +53,13 @@ def _simulate(context: Context, unit: DatasetUnit) -> Dataset:
         trajectory, tests = section.held_out.trajectory, section.held_out.tests
     kind = trajectory.kind
     options = MOTIONS[kind].options(**trajectory.model_dump(exclude={"kind"}))
-    plan = plan_motion(kind, options, context.model, context.compiled, section.samples)
+    plan = plan_motion(kind, options, context.model, context.simulator, section.samples)
+    Q = section.process_noise.matrix()
     return simulate(
         context.model,
-        context.compiled,
+        context.simulator,
         plan,
-        section.process_noise.matrix(),
+        Q / context.model.sample_time if section.process_noise.unit == "density" else Q,
         section.measurement_noise.matrix(),
         seed=context.experiment.seed,
         samples=section.samples,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +15,7 @@ from noiseid_cli.outcome import UnitResult
 from noiseid_cli.pipeline.context import Context
 from noiseid_cli.pipeline.datasets import file_attributes
 from noiseid_cli.pipeline.methods import Task, run_method
+from noiseid_cli.pipeline.noise_unit import conversion_interval, noise_names
 from noiseid_cli.pipeline.problem import pose, pose_parameters
 from noiseid_cli.pipeline.units import EstimateUnit
 
@@ -31,11 +33,10 @@ def make_estimate(context: Context, unit: EstimateUnit, progress: Progress | Non
         DataError: the dataset is missing or damaged.
         EstimationError: the problem cannot be posed.
     """
-    from noiseid_cli.storage.dataset_file import read_dataset
     from noiseid_cli.storage.result_file import write_result
 
     began = time.perf_counter()
-    dataset = read_dataset(unit.dataset.path)
+    dataset = _read(context, unit.dataset.path)
     section = context.experiment.estimate
     assert section is not None
     if unit.options.structure is not None:
@@ -50,7 +51,7 @@ def make_estimate(context: Context, unit: EstimateUnit, progress: Progress | Non
     candidates = {"start": start, "estimate": estimate.final}
     if dataset.Q_true is not None and dataset.R_true is not None:
         candidates["truth"] = NoiseValues(dataset.Q_true, dataset.R_true, start.m0, start.P0)
-    held_out = None if unit.held_out is None else read_dataset(unit.held_out.path)
+    held_out = None if unit.held_out is None else _read(context, unit.held_out.path)
     result = UnitResult(
         unit=unit.name,
         dataset=dataset.name,
@@ -60,7 +61,7 @@ def make_estimate(context: Context, unit: EstimateUnit, progress: Progress | Non
         replicate=unit.dataset.replicate,
         estimate=estimate,
         evaluations=_evaluate(context, dataset, candidates),
-        noise_names=tuple((q.name, q.unit, q.description) for q in context.model.noises),
+        noise_names=noise_names(context.model, context.density),
         output_names=dataset.outputs,
         state_names=dataset.states,
         test_names=tuple(r.name for r in dataset.recordings),
@@ -71,9 +72,22 @@ def make_estimate(context: Context, unit: EstimateUnit, progress: Progress | Non
         held_out={} if held_out is None else _score(context, held_out, candidates),
         held_out_tests=0 if held_out is None else len(held_out.recordings),
         parameters_true=_true_parameters(context, estimate),
+        density=context.density,
+        interval=conversion_interval(dataset, context.model, context.density),
     )
     write_result(unit.path, result, file_attributes(context, unit.key))
     return result
+
+
+def _read(context: Context, path: Path) -> Dataset:
+    """A dataset with the true Q, which is stored per sample, in the unit of the estimate."""
+    from noiseid_cli.storage.dataset_file import read_dataset
+
+    dataset = read_dataset(path)
+    if not context.density or dataset.Q_true is None:
+        return dataset
+    # Only simulated tests have one, and their intervals are equal.
+    return replace(dataset, Q_true=dataset.Q_true * context.model.sample_time)
 
 
 def _run(

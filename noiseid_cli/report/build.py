@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from noiseid_cli.outcome import UnitResult
+from noiseid_cli.report.noise_units import unit_words
 from noiseid_cli.report.reading import (
     PLACES,
     At,
@@ -153,12 +154,16 @@ def std_table(study: Study, which: Which) -> Table:
             rows.append((r.unit, name, unit or "1", *values, *middle, *last))
     columns.append(Column("Kind"))
     caption = (
-        f"Square roots of the diagonal of {which}, per sample. Held: given in the experiment and left alone. "
-        "Unchanged: the whole unit ended at its start."
+        f"Square roots of the diagonal of {which}, {_words(study, which)}. "
+        "Held: given in the experiment and left alone. Unchanged: the whole unit ended at its start."
     )
     kind = KIND[which]
     name = f"std-{kind.replace(' ', '-')}"
     return Table(name, f"Standard deviations of the {kind}", caption, tuple(columns), _merge_held(rows))
+
+
+def _words(study: Study, which: Which) -> str:
+    return unit_words(study) if which == "Q" else "per sample"
 
 
 def _ratio(value: float, reference: float, why_not: str) -> Cell:
@@ -192,7 +197,8 @@ def std_summary_table(study: Study, which: Which) -> Table:
             head = (method, name, unit or "1", f"{len(used)} / {len(units)}")
             rows.append((*head, _mean(ends), _spread(ends), mean, kinds))
     kind = KIND[which]
-    caption = "Mean and standard deviation over the converged units, per sample; every unit is in results.csv."
+    words = _words(study, which)
+    caption = f"Mean and standard deviation over the converged units, {words}; every unit is in results.csv."
     title = f"Standard deviations of the {kind}, means"
     return Table(f"std-{kind.replace(' ', '-')}-means", title, caption, tuple(columns), tuple(rows))
 

@@ -21,6 +21,7 @@ from noiseid_cli.report.figure_style import (
     panels,
     plot_text,
 )
+from noiseid_cli.report.noise_units import unit_words
 from noiseid_cli.report.reading import covariances, featured, group, loglik, remark, std
 from noiseid_cli.report.study import Study
 
@@ -180,7 +181,8 @@ def _std_plot(study: Study, which: Literal["Q", "R"]) -> Plot | None:
     count = len(shown[0].noise_names if which == "Q" else shown[0].output_names)
     kind = "process noise" if which == "Q" else "measurement noise"
     more = f" The first {MAX_PANELS} of {count} are drawn." if count > MAX_PANELS else ""
-    caption = f"Standard deviation of each {kind}, per sample, after each pass." + more + note + study.chosen()
+    words = unit_words(study) if which == "Q" else "per sample"
+    caption = f"Standard deviation of each {kind}, {words}, after each pass." + more + note + study.chosen()
     title = f"Standard deviations of the {kind} over the passes"
     return Plot(f"std-{kind.replace(' ', '-')}", title, caption, partial(_draw_std, study, which, shown))
 

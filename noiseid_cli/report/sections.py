@@ -10,6 +10,7 @@ from noiseid_cli.report import agreement, build, comparison, facts, published
 from noiseid_cli.report.figure_style import Plot
 from noiseid_cli.report.figures import convergence_plot, std_plots
 from noiseid_cli.report.figures_time import autocorrelation_plot, nis_plot, path_error_plot
+from noiseid_cli.report.noise_units import noise_units_table
 from noiseid_cli.report.reading import best, converged, evaluation, group, remark
 from noiseid_cli.report.study import Study
 from noiseid_cli.report.tables import Table
@@ -146,7 +147,8 @@ def _deviations(study: Study) -> tuple[Block, ...]:
     # Of many units, an R that nobody estimated would be a long table of one value.
     held = many and "estimated" not in _kinds_of_R(study)
     tables = (table(study, "Q"),) if held else (table(study, "Q"), table(study, "R"))
-    return (*tables, *build.correlation_tables(study))
+    both = noise_units_table(study)
+    return (*tables, *([both] if both else []), *build.correlation_tables(study))
 
 
 def _starts(study: Study) -> tuple[Block, ...]:

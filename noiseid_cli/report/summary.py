@@ -17,6 +17,7 @@ from noiseid_cli.report.build import (
     summary_table,
 )
 from noiseid_cli.report.comparison import recovery_table, score_table
+from noiseid_cli.report.noise_units import noise_units_table
 from noiseid_cli.report.published import published_tables
 from noiseid_cli.report.study import Study
 from noiseid_cli.report.tables import Table
@@ -34,7 +35,12 @@ def terminal_tables(study: Study) -> list[Table]:
     if many:
         tables = [summary_table(study), score_table(study), recovery_table(study), std_summary_table(study, "Q")]
     else:
-        tables = [_without_last(ending_table(study)), before_after_table(study), _std(study, "Q")]
+        tables = [
+            _without_last(ending_table(study)),
+            before_after_table(study),
+            _std(study, "Q"),
+            noise_units_table(study),
+        ]
     if any(not np.array_equal(r.estimate.start.R, r.estimate.final.R) for r in study.results):
         tables.append(std_summary_table(study, "R") if many else _std(study, "R"))
     if not many and all(r.Q_true is None for r in study.results):

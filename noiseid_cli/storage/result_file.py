@@ -8,6 +8,7 @@ with tests that no method has seen, ``truth`` what made it.
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -32,7 +33,11 @@ FORMAT = "noiseid-result"
 VERSION = 1
 MIGRATIONS: dict[int, hdf5.Migration] = {}
 
-_Q = (("noise", "noise_"), "product of the noises' units", "covariance of the process noise, per sample")
+_Q = (
+    ("noise", "noise_"),
+    "product of the noises' units",
+    "covariance of the process noise, see noise_unit",
+)
 _R = (("output", "output_"), "product of the outputs' units", "covariance of the measurement noise")
 _M0 = (("test", "state"), "see state_unit", "mean of the first state of each test")
 _P0 = (("state", "state_"), "product of the states' units", "covariance of the first state")
@@ -60,7 +65,7 @@ _SETTINGS = (
     "unit", "dataset", "method_label", "method", "status", "reason", "start_index", "start_label", "replicate", "seed",
     "held_out_tests",
 )  # fmt: skip
-_OWN = ("settings", "safeguards", "created_by")
+_OWN = ("settings", "safeguards", "created_by", "density", "noise_interval")
 _TAKEN = frozenset({"format", "format_version", *_SETTINGS, *_OWN})
 
 
@@ -88,6 +93,8 @@ def write_result(path: Path, result: UnitResult, attributes: dict[str, str]) -> 
         }
         hdf5.set_attributes(file, own)
         hdf5.set_attributes(file, attributes, _TAKEN)
+        file.attrs["density"] = int(result.density)
+        file.attrs["noise_interval"] = math.nan if result.interval is None else result.interval
         _fill_dimensions(file, result)
         _fill_estimate(file, result)
         for name, found in (("evaluation", result.evaluations), ("held_out", result.held_out)):
@@ -190,6 +197,7 @@ def _result(file: h5py.File) -> UnitResult:
     sizes = {"test": len(tests)} | {name: len(columns) for name, columns in names.items()}
     text = {name: str(file.attrs[name]) for name in ("unit", "dataset", "method_label", "start_label")}
     truth = file["truth"]
+    interval = float(file.attrs.get("noise_interval", math.nan))
     return UnitResult(
         **text,
         start_index=int(file.attrs["start_index"]),
@@ -207,6 +215,8 @@ def _result(file: h5py.File) -> UnitResult:
         held_out={label: _evaluation(group, sizes) for label, group in file["held_out"].items()},
         held_out_tests=int(file.attrs["held_out_tests"]),
         parameters_true=parameter_values(file, "truth"),
+        density=bool(file.attrs.get("density", 0)),
+        interval=None if math.isnan(interval) else interval,
     )
 
 
