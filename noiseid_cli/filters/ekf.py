@@ -26,6 +26,10 @@ OK, NOT_FINITE, SINGULAR_INNOVATION = 0, 1, 2
 _WHY = {
     NOT_FINITE: "the estimate is no longer finite",
     SINGULAR_INNOVATION: "the innovation covariance is singular (an output is exactly known beforehand)",
+    3: "the covariance of the propagated sigma points is indefinite (take a larger alpha)",
+    4: "the covariance of the predicted outputs is indefinite (take a larger alpha)",
+    5: "the corrected covariance is indefinite (take a larger alpha)",
+    6: "the covariance of the state is singular, and its factor has no derivative (give every state some noise)",
 }
 
 cube = types.float64[:, :, ::1]
@@ -39,9 +43,14 @@ class FilterDivergedError(NoiseidError):
         """Say what failed, in which test and at which sample."""
         self.step = step
         super().__init__(
-            f"test {recording.name!r}: {_WHY[code]} at sample {step + 1} of {recording.samples} "
+            f"test {recording.name!r}: {self.words(code)} at sample {step + 1} of {recording.samples} "
             f"(t = {recording.time[step]:.6g} s)"
         )
+
+    @staticmethod
+    def words(code: int) -> str:
+        """What a filter's code means."""
+        return _WHY[code]
 
 
 @dataclass(frozen=True)

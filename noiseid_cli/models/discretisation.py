@@ -134,6 +134,39 @@ def _runge_kutta(jacobian, x, u, dt, p, x_next, F, G, work):  # type: ignore[no-
 
 
 @routine
+def advance(scheme, drift, x, u, v, dt, p, x_next, work):  # type: ignore[no-untyped-def]
+    """One step without Jacobians: x_next = F1(x, u) for v = 0.
+
+    Args:
+        scheme: DISCRETE, EULER or RK4; DENSITY changes nothing here. EXACT needs its Jacobian: see ``transition``.
+        drift: the model's drift.
+        x, u, v, p: state (n,), input (nu,), noise held over the interval (nv,), parameters (np,).
+        dt: interval, s.
+        x_next: output (n,).
+        work: scratch (2n,); read for RK4 only.
+    """
+    n = x.size
+    kind = scheme - DENSITY if scheme >= DENSITY else scheme
+    drift(x, u, v, p, x_next)
+    if kind == DISCRETE:
+        return
+    if kind == EULER:
+        for i in range(n):
+            x_next[i] = x[i] + dt * x_next[i]
+        return
+    stage, k = work[:n], work[n : 2 * n]
+    for i in range(n):
+        k[i] = x_next[i]
+        x_next[i] = x[i] + dt / 6.0 * k[i]
+    for s in range(1, 4):
+        for i in range(n):
+            stage[i] = x[i] + (dt if s == 3 else 0.5 * dt) * k[i]
+        drift(stage, u, v, p, k)
+        for i in range(n):
+            x_next[i] += (dt / 6.0 if s == 3 else dt / 3.0) * k[i]
+
+
+@routine
 def workspace(n, nv):  # type: ignore[no-untyped-def]
     """The scratch array that ``transition`` wants; zeros, since no interval is 0 s, mean that nothing is kept yet."""
     runge_kutta = 2 * n + n * n + n * nv + 3 * n * (n + nv + 1)

@@ -1,0 +1,111 @@
+"""Rank-one changes of an upper factor U, P = U'U, and the derivative of U from that of P."""
+
+from __future__ import annotations
+
+import math
+
+from noiseid_cli.models.jit import routine
+
+
+@routine
+def update(U, m, v):  # type: ignore[no-untyped-def]
+    """U'U + v v', by m plane rotations (Golub & Van Loan, Matrix Computations, 6.5).
+
+    Args:
+        U: upper factor with non-negative diagonal, of which U[:m, :m] is overwritten.
+        m: its size.
+        v: (>= m,), overwritten.
+    """
+    for k in range(m):
+        if v[k] == 0.0:
+            continue
+        r = math.sqrt(U[k, k] * U[k, k] + v[k] * v[k])
+        c, s = U[k, k] / r, v[k] / r
+        U[k, k] = r
+        for j in range(k + 1, m):
+            t = U[k, j]
+            U[k, j] = c * t + s * v[j]
+            v[j] = c * v[j] - s * t
+
+
+@routine
+def downdate(U, m, v, least, c):  # type: ignore[no-untyped-def]
+    """U'U - v v', as LINPACK's dchdd does it: U^-T v first, then rotations from the bottom up.
+
+    Args:
+        U, m: as in ``update``.
+        v: (>= m,), overwritten.
+        least: share det(U'U - v v') / det(U'U) that must be left, above 0 or 0; rounding is amplified by its inverse.
+        c: scratch (>= m,).
+
+    Returns:
+        Whether more than that is left; if not, U stays as it is.
+    """
+    left = 1.0
+    for i in range(m):
+        for k in range(i):
+            v[i] -= U[k, i] * v[k]
+        if v[i] != 0.0:
+            v[i] /= U[i, i]
+        left -= v[i] * v[i]
+    if not left > least:
+        return False
+    alpha = math.sqrt(left)
+    for i in range(m - 1, -1, -1):
+        r = math.sqrt(alpha * alpha + v[i] * v[i])
+        c[i] = alpha / r
+        v[i] /= r
+        alpha = r
+    for j in range(m):
+        carried = 0.0
+        for i in range(j, -1, -1):
+            t = c[i] * carried + v[i] * U[i, j]
+            U[i, j] = c[i] * U[i, j] - v[i] * carried
+            carried = t
+    return True
+
+
+@routine
+def weighted_rank_one(U, m, v, weight, c):  # type: ignore[no-untyped-def]
+    """U'U + weight v v'; returns False, with U as it was, if a negative weight leaves nothing positive definite."""
+    size = math.sqrt(abs(weight))
+    for i in range(m):
+        v[i] *= size
+    if weight < 0.0:
+        return downdate(U, m, v, 0.0, c)
+    update(U, m, v)
+    return True
+
+
+@routine
+def factor_derivative(U, dP, dU, A):  # type: ignore[no-untyped-def]
+    """Derivative of the upper factor with positive diagonal: dU = Phi(U^-T dP U^-1) U.
+
+    Phi takes the upper triangle with its diagonal halved. By triangular solves, in O(n^3); riva2017_sensitivity_asrukf
+    (Table 1) solves the same linear system with Kronecker products and an elimination matrix, in O(n^6).
+
+    Args:
+        U: (n, n) factor; dP: (n, n) symmetric derivative of P = U'U.
+        dU: (n, n), written.
+        A: scratch (n, n).
+    """
+    n = U.shape[0]
+    for c in range(n):
+        for r in range(n):
+            total = dP[r, c]
+            for k in range(r):
+                total -= U[k, r] * A[k, c]
+            A[r, c] = total / U[r, r]
+    for r in range(n):
+        for c in range(n):
+            for k in range(c):
+                A[r, c] -= A[r, k] * U[k, c]
+            A[r, c] /= U[c, c]
+    for r in range(n):
+        for c in range(n):
+            total = 0.0
+            if r <= c:
+                total = 0.5 * A[r, r] * U[r, c]
+                for k in range(r + 1, c + 1):
+                    total += A[r, k] * U[k, c]
+            dU[r, c] = total

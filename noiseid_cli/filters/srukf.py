@@ -1,0 +1,275 @@
+"""The square-root unscented Kalman filter with additive noise, over a recording or sample by sample.
+
+van der Merwe & Wan (2001); riva2017_sensitivity_asrukf, Tables 1 and 2 without the sensitivities. Order of steps: the
+first sample is a correction of the prior; sigma points are redrawn before every correction; the process noise adds
+F2 Q F2' with F2 taken at the filtered mean. For a linear model it is the Kalman filter, and so is the extended one.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numba import types
+
+from noiseid_cli.errors import EstimationError
+from noiseid_cli.filters.ekf import NOT_FINITE, OK, FilterDivergedError, cube
+from noiseid_cli.filters.linalg import upper_factor
+from noiseid_cli.filters.sigma_points import SigmaWeights, draw, weighted_mean
+from noiseid_cli.filters.sigma_steps import INDEFINITE_PREDICTION, condition, keep_observed, spread
+from noiseid_cli.models.compiled import CompiledModel
+from noiseid_cli.models.discretisation import DENSITY, EXACT, advance, transition, workspace
+from noiseid_cli.models.jit import kernel, routine
+from noiseid_cli.models.noise import NoiseValues
+from noiseid_cli.models.recording import Array, Recording
+from noiseid_cli.models.signatures import Drift, DriftJacobian, Output, matrix, vector
+
+
+class _Filter(NamedTuple):
+    """State of the filter between samples, and its scratch; see ``_new_filter`` for the shapes."""
+
+    x: Array
+    U: Array
+    x_new: Array
+    U_new: Array
+    X: Array
+    X_next: Array
+    Y: Array
+    y_hat: Array
+    e: Array
+    UR_seen: Array
+    noise: Array
+    F: Array
+    G: Array
+    Uyy: Array
+    Pxy: Array
+    K: Array
+    W: Array
+    w: Array
+    d: Array
+    v: Array
+    work: Array
+    observed: Array
+
+
+_FILTER = types.NamedTuple(
+    (vector, matrix, vector, matrix, matrix, matrix, matrix, vector, vector, matrix, matrix, matrix, matrix, matrix,
+     matrix, matrix, matrix, vector, vector, vector, vector, types.int64[::1]),
+    _Filter,
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class SigmaFiltered:
+    """What the filter gives for one test; "pred" is k|k-1 and "filt" is k|k.
+
+    Attributes:
+        m_pred, m_filt: (N, nx) means.
+        U_pred, U_filt: (N, nx, nx) upper factors, P = U'U.
+        innovation: (N, ny) y[k] less the predicted output; NaN where y is missing.
+        loglik: log-likelihood of the observed outputs, with the -m/2 log 2 pi term.
+        restacked: number of corrections whose downdate failed and was replaced, see ``sigma_steps.condition``.
+    """
+
+    m_pred: Array
+    U_pred: Array
+    m_filt: Array
+    U_filt: Array
+    innovation: Array
+    loglik: float
+    restacked: int
+
+
+class SquareRootUnscentedFilter:
+    """The filter sample by sample, as it runs beside a machine.
+
+    Attributes:
+        samples: number of samples taken in.
+        loglik: log-likelihood of all of them.
+        restacked: number of corrections whose downdate failed and was replaced.
+    """
+
+    def __init__(
+        self, model: CompiledModel, noise: NoiseValues, weights: SigmaWeights, added: Array | None = None, test: int = 0
+    ) -> None:
+        """Start from the prior of the first state.
+
+        Args:
+            model: the compiled model.
+            noise: Q, R, P0 and m0, of which row ``test`` is used.
+            weights: spread and weights of the sigma points of ``model.nx`` states.
+            added: (nx, nx) covariance that each step adds to the state besides F2 Q F2'; none if not given.
+            test: which row of ``noise.m0`` is the first mean.
+
+        Raises:
+            EstimationError: a covariance is not symmetric positive semidefinite.
+        """
+        self._model = model
+        self._weights = np.array([weights.eta, weights.outer, weights.cov0])
+        self._UQ = upper_factor(noise.Q, "the process noise covariance Q")
+        self._UR = upper_factor(noise.R, "the measurement noise covariance R")
+        own = np.zeros((0, model.nx)) if added is None else upper_factor(added, "the noise of the stacked states")
+        self._state = _new_filter(model, own)
+        self._state.x[:] = noise.m0[test]
+        self._state.U[:] = upper_factor(noise.P0, "the initial covariance P0")
+        self._u = np.zeros((1, model.nu))
+        self.samples = 0
+        self.loglik = 0.0
+        self.restacked = 0
+
+    @property
+    def mean(self) -> Array:
+        """(nx,) filtered mean at the last sample; the prior's before the first."""
+        return self._state.x.copy()
+
+    @property
+    def factor(self) -> Array:
+        """(nx, nx) upper factor of its covariance."""
+        return self._state.U.copy()
+
+    def step(self, y: Array, u: Array, dt: float = 0.0) -> tuple[Array, Array]:
+        """Take in one sample.
+
+        Args:
+            y: (ny,) outputs; NaN where missing.
+            u: (nu,) inputs, held until the next sample.
+            dt: interval since the previous sample, s; not read at the first one.
+
+        Returns:
+            Filtered mean (nx,) and standard deviations (nx,).
+
+        Raises:
+            EstimationError: the filter failed; in words.
+        """
+        n, ny = self._model.nx, self._model.ny
+        Y, V = np.array(y, dtype=float).reshape(1, ny), np.array(u, dtype=float).reshape(1, self._model.nu)
+        out = (np.empty((1, n)), np.empty((1, n, n)), np.empty((1, n)), np.empty((1, n, n)), np.empty((1, ny)))
+        code, _ = self._run(Y, V, np.array([dt]), out)
+        if code != OK:
+            raise EstimationError(f"sample {self.samples + 1}: {FilterDivergedError.words(code)}")
+        return out[2][0], np.sqrt(np.sum(out[3][0] ** 2, axis=0))
+
+    def _run(self, y: Array, u: Array, dt: Array, out: tuple[Array, Array, Array, Array, Array]) -> tuple[int, int]:
+        """Take in samples; dt[k] is the interval before sample k. Returns (code, samples done)."""
+        m = self._model
+        code, done, loglik, restacked = _run(
+            m.scheme, m.drift, m.drift_jacobian, m.output, m.parameters, self._weights, self._UQ, self._UR,
+            self._state, self.samples == 0, self._u[0], dt, u, y, *out,
+        )  # fmt: skip
+        self.samples += done
+        self.loglik += loglik
+        self.restacked += restacked
+        self._u[0] = u[-1]
+        return code, done
+
+
+def square_root_unscented_filter(
+    model: CompiledModel,
+    recording: Recording,
+    noise: NoiseValues,
+    weights: SigmaWeights,
+    test: int = 0,
+    added: Array | None = None,
+) -> SigmaFiltered:
+    """Filter one test.
+
+    Args:
+        model, noise, weights, test, added: see ``SquareRootUnscentedFilter``.
+        recording: the test; NaN in y is a missing output.
+
+    Raises:
+        FilterDivergedError: with the sample where it happened.
+        EstimationError: a covariance is not symmetric positive semidefinite.
+    """
+    N, n, ny = recording.samples, model.nx, model.ny
+    online = SquareRootUnscentedFilter(model, noise, weights, added, test)
+    out = (np.empty((N, n)), np.empty((N, n, n)), np.empty((N, n)), np.empty((N, n, n)), np.empty((N, ny)))
+    dt = np.concatenate(([0.0], recording.dt))
+    code, k = online._run(np.ascontiguousarray(recording.y), np.ascontiguousarray(recording.u), dt, out)
+    if code != OK:
+        raise FilterDivergedError(code, k, recording)
+    return SigmaFiltered(*out, online.loglik, online.restacked)
+
+
+def _new_filter(model: CompiledModel, own: Array) -> _Filter:
+    """Empty state and scratch; ``own`` are the noise rows that do not depend on the state."""
+    n, nv, ny = model.nx, model.nv, model.ny
+    wide = max(n, ny)
+    noise = np.zeros((nv + len(own), n))
+    noise[nv:] = own
+    e = np.empty
+    return _Filter(
+        e(n), e((n, n)), e(n), e((n, n)), e((2 * n + 1, n)), e((2 * n + 1, n)), e((2 * n + 1, ny)), e(ny), e(ny),
+        e((ny, ny)), noise, e((n, n)), e((n, nv)), e((ny, ny)), e((n, ny)), e((n, ny)),
+        e((2 * n + max(ny, nv + len(own)), wide)), e(wide), e(wide), np.zeros(nv), workspace(n, nv),
+        np.empty(ny, dtype=np.int64),
+    )  # fmt: skip
+
+
+@routine
+def _predict(scheme, drift, drift_jacobian, p, weights, UQ, s, u, dt):  # type: ignore[no-untyped-def]
+    """Time update of s.x, s.U over an interval (riva2017_sensitivity_asrukf, Table 1)."""
+    n, nv = s.G.shape
+    eta, outer, cov0 = weights[0], weights[1], weights[2]
+    draw(s.x, s.U, eta, s.X)
+    exact = scheme == EXACT or scheme == EXACT + DENSITY
+    for i in range(2 * n + 1):
+        if exact:
+            transition(scheme, drift_jacobian, s.X[i], u, dt, p, s.X_next[i], s.F, s.G, s.work)
+            continue
+        advance(scheme, drift, s.X[i], u, s.v, dt, p, s.X_next[i], s.work)
+    transition(scheme, drift_jacobian, s.x, u, dt, p, s.x_new, s.F, s.G, s.work)
+    for r in range(nv):
+        for c in range(n):
+            total = 0.0
+            for a in range(r, nv):
+                total += UQ[r, a] * s.G[c, a]
+            s.noise[r, c] = total
+    weighted_mean(s.X_next, outer, s.x)
+    return OK if spread(s.X_next, n, s.x, outer, cov0, s.noise, s.W, s.w, s.d, s.U) else INDEFINITE_PREDICTION
+
+
+@kernel(
+    types.Tuple((types.int64, types.int64, types.float64, types.int64))(
+        types.int64, Drift, DriftJacobian, Output, vector, vector, matrix, matrix, _FILTER, types.boolean, vector,
+        vector, matrix, matrix, matrix, cube, matrix, cube, matrix,
+    ),
+)  # fmt: skip
+def _run(  # type: ignore[no-untyped-def]
+    scheme, drift, drift_jacobian, output, p, weights, UQ, UR, s, first, u_before,
+    dt, u, y, m_pred, U_pred, m_filt, U_filt, innovation,
+):  # fmt: skip
+    """Take in the samples of y; the arrays from m_pred on are written. Returns (code, samples, loglik, restacked)."""
+    n = s.x.shape[0]
+    loglik, restacked = 0.0, 0
+    for k in range(y.shape[0]):
+        if not (first and k == 0):
+            code = _predict(scheme, drift, drift_jacobian, p, weights, UQ, s, u_before if k == 0 else u[k - 1], dt[k])
+            if code != OK:
+                return code, k, loglik, restacked
+        m_pred[k], U_pred[k] = s.x, s.U
+        draw(s.x, s.U, weights[0], s.X)
+        for i in range(2 * n + 1):
+            output(s.X[i], u[k], p, s.Y[i])
+        weighted_mean(s.Y, weights[1], s.y_hat)
+        innovation[k] = y[k] - s.y_hat
+        q = keep_observed(y[k], s.Y, UR, s.observed, s.UR_seen)
+        for b in range(q):
+            s.y_hat[b] = s.y_hat[s.observed[b]]
+            s.e[b] = innovation[k, s.observed[b]]
+        code, gain, failed = condition(
+            s.x, s.U, s.Y, q, s.y_hat, s.e, s.UR_seen, weights[0], weights[1], weights[2],
+            s.x_new, s.U_new, s.Uyy, s.Pxy, s.K, s.W, s.w, s.d,
+        )  # fmt: skip
+        restacked += failed
+        if code != OK:
+            return code, k, loglik, restacked
+        loglik += gain
+        s.x[:], s.U[:, :] = s.x_new, s.U_new
+        for i in range(n):
+            if not math.isfinite(s.x[i]) or not math.isfinite(s.U[i, i]):
+                return NOT_FINITE, k, loglik, restacked
+        m_filt[k], U_filt[k] = s.x, s.U
+    return OK, y.shape[0], loglik, restacked
