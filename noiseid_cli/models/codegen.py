@@ -10,7 +10,7 @@ import sympy as sp
 from sympy.printing.pycode import PythonCodePrinter
 
 from noiseid_cli.errors import ModelError
-from noiseid_cli.models.differentiate import Program, differentiate, fix, share
+from noiseid_cli.models.differentiate import Program, differentiate, fix, pull_back, share
 from noiseid_cli.models.equations import Equations
 
 GENERATOR_VERSION = 1
@@ -132,6 +132,7 @@ class _Function:
     vectors: tuple[str, ...]
     program: Program
     results: tuple[tuple[str, Sequence[Any]], ...]  # name of each array; its entries, or rows of entries
+    weights: tuple[Any, ...] = ()  # symbols of the vector w
 
 
 def module_source(equations: Equations) -> str:
@@ -169,6 +170,22 @@ def _functions(name: str, expressions: Sequence[Any], eq: Equations, value: str)
             yield _Function(f"{name}_{group}", "", plain, program, (("D", D),))
 
 
+def adjoint_source(equations: Equations) -> str:
+    """Text of the module with the adjoints of the drift's and the output's Jacobians; see ``models.adjoint``."""
+    eq = equations
+    header = _HEADER.replace("DRIFT, DRIFT_JACOBIAN, OUTPUT, OUTPUT_JACOBIAN", "ADJOINT")
+    functions = []
+    for name, expressions, groups in (("drift", eq.dynamics, (eq.x, eq.v)), ("output", eq.output, (eq.x,))):
+        names = iter(sp.numbered_symbols("_w", real=True))
+        program, matrices = _jacobians(share(eq.terms, expressions, names), groups, eq.v, names)
+        flat = [*program.results, *(entry for matrix in matrices for row in matrix for entry in row)]
+        weights = tuple(sp.Symbol(f"_a{i}", real=True) for i in range(len(flat)))
+        shared, (gx, gp) = pull_back(Program(program.statements, tuple(flat)), weights, (eq.x, eq.p), names)
+        results = (("gx", gx), ("gp", gp))
+        functions.append(_Function(f"{name}_adjoint", "ADJOINT", ("x", "u", "p", "w"), shared, results, weights))
+    return header + "\n\n".join(_text(f, eq) for f in functions)
+
+
 def _jacobians(
     program: Program, groups: Sequence[Sequence[Any]], zeros: Sequence[Any], names: Iterator[Any]
 ) -> tuple[Program, list[list[list[Any]]]]:
@@ -185,7 +202,7 @@ def _jacobians(
 
 def _text(function: _Function, eq: Equations) -> str:
     variables: dict[Any, str] = {}
-    vectors = {"x": eq.x, "u": eq.u, "v": eq.v, "p": eq.p}
+    vectors = {"x": eq.x, "u": eq.u, "v": eq.v, "p": eq.p, "w": function.weights}
     lines = []
     wanted = _needed(function)
     for letter in function.vectors:

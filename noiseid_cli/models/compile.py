@@ -17,7 +17,7 @@ from pathlib import Path
 from types import ModuleType
 
 from noiseid_cli.errors import ModelError
-from noiseid_cli.models.compiled import CompiledModel
+from noiseid_cli.models.compiled import Adjoints, CompiledModel
 from noiseid_cli.models.discretisation import SCHEMES
 from noiseid_cli.models.equations import Equations, Model
 
@@ -34,19 +34,7 @@ def compile_model(model: Model, on_compile: Callable[[str], None] | None = None)
     """
     equations = model.equations()
     key = cache_key(equations)
-    path = cache_folder() / key / "equations.py"
-    try:
-        if not path.exists():
-            if on_compile:
-                on_compile(f"Compiling the equations of {model.name} (once on this machine).")
-            _write(path, _generate(model, equations))
-        module = _load(f"noiseid_model_{key}", path)
-    except OSError as error:
-        raise ModelError(
-            f"the compiled equations of {model.name} cannot be kept in {path.parent}: "
-            f"{error.strerror or error}. "
-            "Set NOISEID_CACHE_DIR to a folder that you can write to."
-        ) from error
+    module = _module(model.name, key, "equations", lambda: _generate(model, equations), on_compile)
     groups = (model.states, model.inputs, model.noises, model.outputs, model.performances)
     states, inputs, noises, outputs, performances = (tuple(q.name for q in group) for group in groups)
     return CompiledModel(
@@ -69,7 +57,35 @@ def compile_model(model: Model, on_compile: Callable[[str], None] | None = None)
         output_parameters=module.output_parameters,
         performance=getattr(module, "performance", None),
         performance_jacobian=getattr(module, "performance_jacobian", None),
+        load_adjoints=lambda: _adjoints(model.name, key, equations),
     )
+
+
+def _adjoints(name: str, key: str, equations: Equations) -> Adjoints:
+    """The adjoints live in a module of their own: few runs need them, and compiling them takes as long as the rest."""
+    from noiseid_cli.models.codegen import adjoint_source
+
+    module = _module(name, key, "adjoints", lambda: adjoint_source(equations), None)
+    return Adjoints(module.drift_adjoint, module.output_adjoint)
+
+
+def _module(
+    name: str, key: str, stem: str, generate: Callable[[], str], on_compile: Callable[[str], None] | None
+) -> ModuleType:
+    """The generated module ``stem`` of a model, made and compiled where it is not in the cache."""
+    path = cache_folder() / key / f"{stem}.py"
+    try:
+        if not path.exists():
+            if on_compile:
+                on_compile(f"Compiling the equations of {name} (once on this machine).")
+            _write(path, generate())
+        return _load(f"noiseid_model_{key}" + ("" if stem == "equations" else f"_{stem}"), path)
+    except OSError as error:
+        raise ModelError(
+            f"the compiled equations of {name} cannot be kept in {path.parent}: "
+            f"{error.strerror or error}. "
+            "Set NOISEID_CACHE_DIR to a folder that you can write to."
+        ) from error
 
 
 def cache_folder() -> Path:

@@ -11,6 +11,19 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
+class Adjoints:
+    """Reverse derivatives of a model's Jacobian functions, see ``ADJOINT`` in ``models.signatures``.
+
+    Attributes:
+        drift: adjoint of ``drift_jacobian``.
+        output: adjoint of ``output_jacobian``.
+    """
+
+    drift: Callable[..., Any]
+    output: Callable[..., Any]
+
+
+@dataclass(frozen=True)
 class CompiledModel:
     """Compiled functions of one model at fixed parameter values.
 
@@ -23,6 +36,7 @@ class CompiledModel:
         drift, drift_jacobian, output, output_jacobian: see ``models.signatures``.
         drift_inputs, drift_parameters, output_inputs, output_parameters: see ``PARTIAL`` there.
         performance, performance_jacobian: like output and output_jacobian; None where the model has none.
+        load_adjoints: gives the adjoints, which are compiled when they are first asked for; None where there are none.
     """
 
     name: str
@@ -44,6 +58,7 @@ class CompiledModel:
     output_parameters: Callable[..., Any]
     performance: Callable[..., Any] | None
     performance_jacobian: Callable[..., Any] | None
+    load_adjoints: Callable[[], Adjoints] | None = None
 
     @property
     def nx(self) -> int:

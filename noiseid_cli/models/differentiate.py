@@ -100,6 +100,49 @@ def differentiate(program: Program, seeds: Sequence[Any], names: Iterator[Any]) 
     return Program(tuple(statements), program.results), partials
 
 
+def pull_back(
+    program: Program, weights: Sequence[Any], groups: Sequence[Sequence[Any]], names: Iterator[Any]
+) -> tuple[Program, list[list[Any]]]:
+    """Derivatives of the weighted sum of a program's results, by reverse accumulation (Griewank & Walther, ch. 3.3).
+
+    The code grows with the number of statements, whatever the number of inputs. A jump (of sign, Heaviside and the
+    like) has slope 0: the derivative holds wherever there is one.
+
+    Args:
+        program: the values.
+        weights: one symbol for each result.
+        groups: input symbols to differentiate by, in groups.
+        names: supplies new symbols.
+
+    Returns:
+        A program whose results are those derivatives in one row, and the same in a list for each group.
+    """
+    active = {s for group in groups for s in group}
+    for s, expression in program.statements:
+        if expression.free_symbols & active:
+            active.add(s)
+    terms: dict[Any, list[Any]] = {}
+    added: list[tuple[Any, Any]] = []
+
+    def spread(expression: Any, weight: Any) -> None:
+        for s in sorted(expression.free_symbols & active, key=str):
+            local = sp.diff(expression, s).replace(sp.DiracDelta, lambda *_: sp.Integer(0))
+            if local != 0:
+                terms.setdefault(s, []).append(weight * local)
+
+    for expression, weight in zip(program.results, weights, strict=True):
+        spread(expression, weight)
+    for s, expression in reversed(program.statements):
+        if s in terms:
+            name = next(names)
+            added.append((name, sp.Add(*terms.pop(s))))
+            spread(expression, name)
+    flat = [sp.Add(*terms.get(s, [])) for group in groups for s in group]
+    shared = share(dict([*program.statements, *added]), flat, names)
+    entries = iter(shared.results)
+    return shared, [[next(entries) for _ in group] for group in groups]
+
+
 def fix(program: Program, symbols: Iterable[Any], value: int = 0) -> Program:
     """The program with some inputs set to a constant."""
     constants = dict.fromkeys(symbols, sp.Integer(value))

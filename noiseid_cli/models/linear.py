@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from noiseid_cli.errors import ModelError
-from noiseid_cli.models.compiled import CompiledModel
+from noiseid_cli.models.compiled import Adjoints, CompiledModel
 from noiseid_cli.models.discretisation import DISCRETE
 from noiseid_cli.models.jit import kernel, routine
 from noiseid_cli.models.recording import Array
-from noiseid_cli.models.signatures import DRIFT, DRIFT_JACOBIAN, OUTPUT, OUTPUT_JACOBIAN, PARTIAL
+from noiseid_cli.models.signatures import ADJOINT, DRIFT, DRIFT_JACOBIAN, OUTPUT, OUTPUT_JACOBIAN, PARTIAL
 
 
 def linear_model(
@@ -59,6 +59,7 @@ def linear_model(
         output_parameters=_output_parameters,
         performance=None,
         performance_jacobian=None,
+        load_adjoints=lambda: Adjoints(_drift_adjoint, _output_adjoint),
     )
 
 
@@ -169,3 +170,35 @@ def _output_parameters(x, u, p, out):  # type: ignore[no-untyped-def]
             out[i, c + i * nx + j] = x[j]
         for j in range(nu):
             out[i, d + i * nu + j] = u[j]
+
+
+@kernel(ADJOINT)
+def _drift_adjoint(x, u, p, w, gx, gp):  # type: ignore[no-untyped-def]
+    nx, nu = x.size, u.size
+    nv = w.size // nx - 1 - nx
+    g = nx * (nx + nu)
+    gx[:] = 0.0
+    gp[:] = 0.0
+    for i in range(nx):
+        for j in range(nx):
+            gx[j] += w[i] * p[i * nx + j]
+            gp[i * nx + j] = w[i] * x[j] + w[nx + i * nx + j]
+        for j in range(nu):
+            gp[nx * nx + i * nu + j] = w[i] * u[j]
+    gp[g : g + nx * nv] = w[nx + nx * nx :]
+
+
+@kernel(ADJOINT)
+def _output_adjoint(x, u, p, w, gx, gp):  # type: ignore[no-untyped-def]
+    nx, nu = x.size, u.size
+    ny = w.size // (1 + nx)
+    d = p.size - ny * nu
+    c = d - ny * nx
+    gx[:] = 0.0
+    gp[:] = 0.0
+    for i in range(ny):
+        for j in range(nx):
+            gx[j] += w[i] * p[c + i * nx + j]
+            gp[c + i * nx + j] = w[i] * x[j] + w[ny + i * nx + j]
+        for j in range(nu):
+            gp[d + i * nu + j] = w[i] * u[j]
