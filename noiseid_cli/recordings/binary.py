@@ -57,7 +57,22 @@ def read_binary(source: RecordingSource, kind: str, wanted: Sequence[Key]) -> Ta
     return Table(columns, names, rows, "row", tuple(sorted(bad, key=lambda cell: (cell.row, str(cell.column)))))
 
 
-def _ask(file: Path, kind: str, wanted: list[str]) -> tuple[dict[str, Any], list[Array]]:
+def list_binary(file: Path, kind: str) -> list[str]:
+    """The columns of the recording in a MAT, HDF5 or npz file: those of the length that most of them have.
+
+    Raises:
+        DataError: the file is damaged or missing, or no two numbers in it stand one after the other.
+    """
+    check_plain_file(file)
+    columns: list[tuple[str, int]] = [(name, length) for name, length in _ask(file, kind, None)[0]["columns"]]
+    lengths = [length for _, length in columns if length > 1]
+    if not lengths:
+        raise DataError(f"{file} holds no column of numbers; expected a recording.")
+    usual = max(sorted(set(lengths), reverse=True), key=lengths.count)
+    return [name for name, length in columns if length == usual]
+
+
+def _ask(file: Path, kind: str, wanted: list[str] | None) -> tuple[dict[str, Any], list[Array]]:
     """Let the reading process read; its answer is one line of JSON and then the columns as f8."""
     request = json.dumps({"file": str(file.resolve()), "kind": kind, "wanted": wanted})
     # No plugin from a folder on this machine may be loaded because a file asks for it.

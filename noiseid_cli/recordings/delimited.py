@@ -35,6 +35,27 @@ def read_delimited(source: RecordingSource, wanted: Sequence[Key]) -> Table:
         DataError: the file cannot be read as text, holds no rows, or has no such column.
     """
     data = checked_bytes(source.file)
+    lines, delimiter, names, has_header = _opened(source, data)
+    places = {key: _place(source.file, key, names, has_header) for key in wanted}
+    begin, end = source.rows or (1, None)
+    numbers, columns, bad = _collect(islice(lines, begin - 1, end), places, len(names), delimiter, source.decimal)
+    if not len(numbers):
+        raise DataError(f"{source.file} has no data rows" + (" in the chosen range." if source.rows else "."))
+    return Table(columns, names, numbers, "line", bad)
+
+
+def list_delimited(source: RecordingSource) -> list[Key]:
+    """Columns of a text table: names where there is a header that tells them apart, else numbers from 1.
+
+    Raises:
+        DataError: the file cannot be read as text, or holds no rows.
+    """
+    _, _, names, has_header = _opened(source, checked_bytes(source.file))
+    return [name if has_header and name and names.count(name) == 1 else k for k, name in enumerate(names, start=1)]
+
+
+def _opened(source: RecordingSource, data: bytes) -> tuple[Iterator[Line], str, tuple[str, ...], bool]:
+    """The data rows still to be read, the delimiter, the names of the columns and whether a header gave them."""
     delimiter = source.delimiter or _find_delimiter(_lines(source, data), source.decimal)
     lines = _lines(source, data)
     first = next(lines, None)
@@ -43,14 +64,7 @@ def read_delimited(source: RecordingSource, wanted: Sequence[Key]) -> Table:
     cells = [cell.strip() for cell in _split(first[1], delimiter)]
     has_header = _is_header(cells, source.decimal) if source.header is None else source.header
     names = tuple(cells) if has_header else tuple(f"column {k + 1}" for k in range(len(cells)))
-    places = {key: _place(source.file, key, names, has_header) for key in wanted}
-    if not has_header:
-        lines = chain([first], lines)
-    begin, end = source.rows or (1, None)
-    numbers, columns, bad = _collect(islice(lines, begin - 1, end), places, len(names), delimiter, source.decimal)
-    if not len(numbers):
-        raise DataError(f"{source.file} has no data rows" + (" in the chosen range." if source.rows else "."))
-    return Table(columns, names, numbers, "line", bad)
+    return lines if has_header else chain([first], lines), delimiter, names, has_header
 
 
 def _lines(source: RecordingSource, data: bytes) -> Iterator[Line]:

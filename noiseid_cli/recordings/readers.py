@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from noiseid_cli.errors import DataError
-from noiseid_cli.recordings.binary import read_binary
-from noiseid_cli.recordings.delimited import read_delimited
+from noiseid_cli.recordings.binary import list_binary, read_binary
+from noiseid_cli.recordings.delimited import list_delimited, read_delimited
 from noiseid_cli.recordings.options import Kind, RecordingSource
 from noiseid_cli.recordings.table import Key, Table, checked_bytes
 
@@ -29,15 +29,30 @@ def read_table(source: RecordingSource, wanted: Sequence[Key]) -> Table:
         DataError: the file cannot be read, or has no such column.
     """
     wanted = list(dict.fromkeys(wanted))
+    kind = _kind(source)
+    if kind == "csv":
+        return read_delimited(source, wanted)
+    return read_binary(source, kind, wanted)
+
+
+def list_columns(source: RecordingSource) -> list[Key]:
+    """The columns of a log file that ``read_table`` could be asked for.
+
+    Raises:
+        DataError: the file cannot be read.
+    """
+    kind = _kind(source)
+    return list_delimited(source) if kind == "csv" else [*list_binary(source.file, kind)]
+
+
+def _kind(source: RecordingSource) -> Kind:
     kind = source.kind or _KINDS.get(source.file.suffix.lower())
     if kind is None:
         raise DataError(
             f"{source.file}: its name does not tell what kind of file it is; set its kind in the config "
             "(csv, mat, hdf5, npz)."
         )
-    if kind == "csv":
-        return read_delimited(source, wanted)
-    return read_binary(source, kind, wanted)
+    return kind
 
 
 def source_digest(file: Path) -> str:

@@ -1,6 +1,6 @@
 """Reads columns of a MAT, HDF5 or npz file that noiseid did not write. Run as a script, in a process of its own.
 
-Argument: JSON with ``file``, ``kind`` and ``wanted``. Output: one line of JSON, ``names`` with ``lengths`` or
+Argument: JSON with ``file``, ``kind`` and ``wanted`` (null: only list what there is). Output: one line of JSON, ``names`` with ``lengths`` or
 ``unknown``, or ``error``; then the columns, one after the other, as little-endian f8. It imports nothing of noiseid,
 so that it starts fast, and it follows nothing that leads out of the file.
 """
@@ -8,6 +8,7 @@ so that it starts fast, and it follows nothing that leads out of the file.
 from __future__ import annotations
 
 import json
+import math
 import re
 import resource
 import sys
@@ -22,6 +23,7 @@ GIB = 2**30
 MEMORY_LIMIT = 4 * GIB
 COLUMN_LIMIT = GIB
 MAX_NAMES = 10_000
+MAX_COLUMNS = 64
 MAX_LINKS = 16
 HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 
@@ -58,6 +60,8 @@ def main(request: dict[str, Any]) -> None:
 def _answer(request: dict[str, Any], columns: list[np.ndarray]) -> dict[str, Any]:
     opener = {"mat": open_mat, "hdf5": open_hdf5, "npz": open_npz}[request["kind"]]
     store = opener(request["file"])
+    if request["wanted"] is None:
+        return {"columns": list(_columns_listed(store))}
     for wanted in request["wanted"]:
         try:
             columns.append(_column(store, wanted))
@@ -65,6 +69,22 @@ def _answer(request: dict[str, Any], columns: list[np.ndarray]) -> dict[str, Any
             columns.clear()
             return {"names": list(store.names()), "unknown": wanted}
     return {"names": list(store.names()), "lengths": [len(column) for column in columns]}
+
+
+def _columns_listed(store: Any) -> Iterator[tuple[str, int]]:
+    """Name and length of what could be asked for: vectors by name, the columns of a matrix as ``name[2]``."""
+    for name in store.names():
+        try:
+            array = store.find(name)
+        except (RefusedError, UnknownError):
+            continue
+        if array.dtype.kind not in "iufb":
+            continue
+        shape = store.shape(array)
+        if math.prod(shape) == max((1, *shape)):
+            yield name, math.prod(shape)
+        elif len(shape) == 2 and shape[1] <= MAX_COLUMNS:
+            yield from ((f"{name}[{k + 1}]", shape[0]) for k in range(shape[1]))
 
 
 def _column(store: Any, wanted: str) -> np.ndarray:
