@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -15,7 +14,6 @@ from noiseid_cli.commands.text import table as table_lines
 
 if TYPE_CHECKING:
     from noiseid_cli.models.describe import Description
-    from noiseid_cli.models.equations import Model
 
 _KINDS = {
     "definition": "definitions",
@@ -54,24 +52,14 @@ def show(
 ) -> None:
     """Show a model's equations, and its parameters with units and sources."""
     from noiseid_cli.models.describe import describe
+    from noiseid_cli.models.registry import find_model
 
-    description = describe(_load(name))
+    description = describe(find_model(name))
     if json:
         answer_json(_as_data(description))
         return
     for line in _latex(description) if latex else _text(description, width()):
         answer(line)
-
-
-def _load(name: str) -> Model:
-    """A model that comes with noiseid, or one of the user's own file."""
-    from noiseid_cli.errors import ModelError
-    from noiseid_cli.models.registry import load_model, load_model_file
-
-    file, _, class_name = name.rpartition(":")
-    if name.endswith(".py"):
-        raise ModelError(f"{name} may hold several models: name the class too, as {name}:CLASS")
-    return load_model_file(Path(file), class_name) if file.endswith(".py") else load_model(name)
 
 
 def _as_data(d: Description) -> dict[str, object]:

@@ -41,6 +41,18 @@ def load_model(name: str, parameters: Mapping[str, float] | None = None) -> Mode
     return model_class(parameters)
 
 
+def find_model(name: str) -> Model:
+    """A model by what a user calls it: the name of a built-in system, or ``FILE.py:CLASS`` for one of their own.
+
+    Raises:
+        ModelError: there is none of that name, or the class of a file is not named.
+    """
+    file, _, class_name = name.rpartition(":")
+    if name.endswith(".py"):
+        raise ModelError(f"{name} may hold several models: name the class too, as {name}:CLASS")
+    return load_model_file(Path(file), class_name) if file.endswith(".py") else load_model(name)
+
+
 def load_model_file(path: Path | str, class_name: str, parameters: Mapping[str, float] | None = None) -> Model:
     """A model from a file of the user. This runs the file's code, with all rights of the user.
 

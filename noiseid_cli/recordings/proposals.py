@@ -38,9 +38,7 @@ def propose(found: Survey, time: TimeFound, inputs: Sequence[Key], outputs: Sequ
     )  # fmt: skip
 
 
-def _non_number(
-    found: Survey, time: TimeFound, inputs: Sequence[Key], outputs: Sequence[Key]
-) -> Proposal | None:
+def _non_number(found: Survey, time: TimeFound, inputs: Sequence[Key], outputs: Sequence[Key]) -> Proposal | None:
     # An empty cell of an output is a missing value and no fault; time and inputs need a number in every row.
     needed = sum(found.column(key).bad + found.column(key).missing for key in inputs) + time.lost
     bad = sum(found.column(key).bad for key in outputs)
@@ -48,7 +46,9 @@ def _non_number(
         why = f"{counted(needed, 'cell')} of the time or an input without a number: the rows are left out"
         return Proposal("non_number", "drop", why)
     if bad:
-        return Proposal("non_number", "mark_missing", f"{counted(bad, 'output cell')} without a number: taken as missing")
+        return Proposal(
+            "non_number", "mark_missing", f"{counted(bad, 'output cell')} without a number: taken as missing"
+        )
     return None
 
 

@@ -1,8 +1,9 @@
 """Reads columns of a MAT, HDF5 or npz file that noiseid did not write. Run as a script, in a process of its own.
 
-Argument: JSON with ``file``, ``kind`` and ``wanted`` (null: only list what there is). Output: one line of JSON, ``names`` with ``lengths`` or
-``unknown``, or ``error``; then the columns, one after the other, as little-endian f8. It imports nothing of noiseid,
-so that it starts fast, and it follows nothing that leads out of the file.
+Argument: JSON with ``file``, ``kind`` and ``wanted`` (null: list what there is). Output: one line of JSON, ``names``
+with ``lengths`` or ``unknown``, ``columns`` with their lengths, or ``error``; then the wanted columns, one after the
+other, as little-endian f8. It imports nothing of noiseid, so that it starts fast, and it follows nothing that leads
+out of the file.
 """
 
 from __future__ import annotations

@@ -61,30 +61,39 @@ def find_roles(found: Survey, time: TimeFound) -> tuple[ColumnRole, ...]:
 
 def _role(column: ColumnFacts, columns: list[ColumnFacts], found: Survey, time: TimeFound) -> ColumnRole:
     key, kind = column.key, kind_of(column.key)
-    if column.constant:
-        return ColumnRole(key, "left out", "it never changes")
-    if column.bad + column.missing > 0.9 * len(column.values):
-        return ColumnRole(key, "left out", "nine cells in ten hold no number")
-    if np.all(np.diff(column.known) == 1.0):
-        return ColumnRole(key, "left out", "it counts rows")
-    if _is_clock(column):
-        return ColumnRole(key, "left out", "it only rises, like a second clock")
-    for other in columns:
-        if other is not column and _is_difference(column.values, other.values, found, time):
-            return ColumnRole(key, "left out", f"it is the backward difference of {other.key}, no second sensor")
-    if kind == "wish":
-        return ColumnRole(key, "left out", "its name says that it is what was wished for, not what was measured")
+    if why := _useless(column) or _copied(column, columns, found, time) or _unwanted(key, kind, columns):
+        return ColumnRole(key, "left out", why)
     if kind in ("effort", "command"):
         return ColumnRole(key, "input", "by its name")
-    partner = [c for c in columns if kind_of(c.key) == "position" and label_of(c.key) == label_of(key)]
-    if kind == "speed" and partner:
-        why = f"speeds beside a position ({partner[0].key}) are mostly computed from it; make it an output if not"
-        return ColumnRole(key, "left out", why)
-    if kind:
-        return ColumnRole(key, "output", "by its name")
-    if column.held > 0.5 and _jumps(column):
+    if not kind and column.held > 0.5 and _jumps(column):
         return ColumnRole(key, "input", "it holds its value and then jumps, as commands do")
-    return ColumnRole(key, "output", "nothing in its name or values says input")
+    return ColumnRole(key, "output", "by its name" if kind else "nothing in its name or values says input")
+
+
+def _useless(column: ColumnFacts) -> str:
+    """Why a column tells nothing; empty if it may."""
+    if column.constant:
+        return "it never changes"
+    if column.bad + column.missing > 0.9 * len(column.values):
+        return "nine cells in ten hold no number"
+    return "it only rises evenly, like a clock or a counter" if _is_clock(column) else ""
+
+
+def _copied(column: ColumnFacts, columns: list[ColumnFacts], found: Survey, time: TimeFound) -> str:
+    """From which other column it was computed; empty if from none."""
+    others = (c for c in columns if c is not column and _is_difference(column.values, c.values, found, time))
+    source = next(others, None)
+    return "" if source is None else f"it is the backward difference of {source.key}, no second sensor"
+
+
+def _unwanted(key: Key, kind: str, columns: list[ColumnFacts]) -> str:
+    """Why a column of that name is best left out; empty if it is not."""
+    if kind == "wish":
+        return "its name says that it is what was wished for, not what was measured"
+    partner = [c.key for c in columns if kind_of(c.key) == "position" and label_of(c.key) == label_of(key)]
+    if kind == "speed" and partner:
+        return f"speeds beside a position ({partner[0]}) are mostly computed from it; make it an output if not"
+    return ""
 
 
 def _is_clock(column: ColumnFacts) -> bool:

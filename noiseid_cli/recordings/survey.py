@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -51,9 +52,9 @@ class ColumnFacts:
         return float(np.mean(np.diff(self.known) == 0.0)) if len(self.known) > 1 else 1.0
 
     @property
-    def measurement_std(self) -> float:
-        """A start for the standard deviation of its noise: the larger of ``noise`` and step / sqrt(12)."""
-        return max(self.noise, (self.step or 0.0) / np.sqrt(12.0))
+    def rounding(self) -> float:
+        """Standard deviation of the rounding to its step: step / sqrt(12), that of a uniform error."""
+        return (self.step or 0.0) / math.sqrt(12.0)
 
 
 @dataclass(frozen=True)

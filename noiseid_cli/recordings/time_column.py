@@ -107,7 +107,7 @@ def _counts(values: Array) -> bool:
 
 
 def _scale(column: ColumnFacts) -> tuple[float, str]:
-    """s per unit, and what tells it: the unit in the name, the size of a time since 1970, or the size of a step."""
+    """Seconds per unit, and what tells it: the unit in the name, the size of a time since 1970, or of a step."""
     words = words_of(column.key)
     for word in reversed(words[1:] if len(words) > 1 else words):
         if word in _UNITS:
