@@ -1,11 +1,12 @@
 """Which entries of a covariance are unknown, its M-step, and coordinates in which steps may be taken freely.
 
 A structure is a pattern of free entries: blocks on the diagonal (one block: full; blocks of one: diagonal), a scalar
-times a given matrix, or any of the former with entries held at given values.
+times a given matrix, or one of the former with entries held at given values or variances tied to be equal.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -24,6 +25,7 @@ class CovarianceStructure:
         blocks: index groups; entries across groups are zero.
         scale: the unknown is one factor on ``start``; blocks and held are then not read.
         held: entries (i, j), i >= j, that keep their start value.
+        tied: groups of positions whose variances are equal; not with ``scale``.
         what: name for messages.
     """
 
@@ -31,6 +33,7 @@ class CovarianceStructure:
     blocks: tuple[tuple[int, ...], ...]
     scale: bool = False
     held: frozenset[tuple[int, int]] = frozenset()
+    tied: tuple[tuple[int, ...], ...] = ()
     what: str = "covariance"
 
     @classmethod
@@ -62,10 +65,24 @@ class CovarianceStructure:
         pairs = [(i, j) for block in self.blocks for i in sorted(block) for j in sorted(block) if j <= i]
         return tuple(pair for pair in pairs if pair not in self.held)
 
+    @cached_property
+    def groups(self) -> tuple[tuple[tuple[int, int], ...], ...]:
+        """Free entries, those that are one unknown together: tied variances."""
+        first = {i: group[0] for group in self.tied for i in group}
+        found: dict[tuple[int, int], list[tuple[int, int]]] = {}
+        for i, j in self.free:
+            found.setdefault((first.get(i, i), first.get(i, i)) if i == j else (i, j), []).append((i, j))
+        return tuple(tuple(entries) for entries in found.values())
+
+    @cached_property
+    def is_linear(self) -> bool:
+        """Some entries are held or tied, so that the free entries themselves are the coordinates, not a factor's."""
+        return bool(self.held or self.tied) and not self.scale
+
     @property
     def is_diagonal(self) -> bool:
         """Every variance is free and every covariance zero."""
-        return not self.scale and not self.held and all(len(block) == 1 for block in self.blocks)
+        return not self.scale and not self.is_linear and all(len(block) == 1 for block in self.blocks)
 
     def check(self) -> None:
         """Refuse a start that EM could never leave.
@@ -94,6 +111,11 @@ class CovarianceStructure:
                 raise EstimationError(f"the start of {self.what} has entries across its blocks, which must be zero")
         if not self.scale and not self.free:
             raise EstimationError(f"every entry of {self.what} is held: declare it as known instead")
+        for group in self.tied:
+            if any((i, i) in self.held for i in group):
+                raise EstimationError(f"a variance of {self.what} is held and tied: it can be one only")
+            if np.ptp(np.diag(self.start)[list(group)]) > 0.0:
+                raise EstimationError(f"tied variances of {self.what} must start at one value")
 
     def maximise(self, S: Array, current: Array) -> Array:
         """The M-step: the covariance of this structure that maximises -1/2 [log det Q + tr(Q^-1 S)].
@@ -105,7 +127,7 @@ class CovarianceStructure:
         if self.scale:
             return self.start * float(np.trace(np.linalg.solve(self.start, S)) / len(S))
         Q = np.where(self.block_of[:, None] == self.block_of[None, :], S, 0.0)
-        return self._score(S, current) if self.held else Q
+        return self._score(S, current) if self.is_linear else Q
 
     def _score(self, S: Array, Q: Array) -> Array:
         """Newton's method over the free entries, with step-halving; never leaves the positive definite matrices.
@@ -113,16 +135,19 @@ class CovarianceStructure:
         Where the observed information is not positive definite the expected one takes its place (Fisher scoring).
         """
         value = _objective(Q, S)
+        ties = self._ties
         for _ in range(200):
             inverse = np.linalg.inv(Q).astype(np.float64)
             moment = inverse @ S @ inverse
             slope = moment - inverse
             g = np.array([slope[i, j] * (0.5 if i == j else 1.0) for i, j in self.free])
-            expected = _information(inverse, inverse, self.free)
-            observed = 2.0 * _information(inverse, moment, self.free) - expected
+            g = ties @ g
+            expected = ties @ _information(inverse, inverse, self.free) @ ties.T
+            observed = 2.0 * ties @ _information(inverse, moment, self.free) @ ties.T - expected
             definite = bool(np.linalg.eigvalsh(observed)[0] > 0.0)
             step = np.linalg.solve(observed if definite else expected, g)
             decrement = float(g @ step)
+            step = step @ ties
             if decrement < 1e-26:
                 break
             # Below about 1e-10 the gain drowns in the objective's rounding: the full step is right there.
@@ -134,6 +159,11 @@ class CovarianceStructure:
             Q, value = trial, _objective(trial, S)
         return Q
 
+    @cached_property
+    def _ties(self) -> Array:
+        """(groups, free) which free entries belong to which unknown."""
+        return np.array([[float(entry in group) for entry in self.free] for group in self.groups])
+
     def _moved(self, Q: Array, step: Array) -> Array:
         """Q with ``step`` added to its free entries."""
         out = Q.copy()
@@ -144,14 +174,16 @@ class CovarianceStructure:
     def coordinates(self, Q: Array) -> Array:
         """Free coordinates of Q, in which any real vector is a covariance (but for held entries).
 
-        Blocks: log L_ii and L_ij / L_ii of the Cholesky factor; scale: the log of the factor; held entries: log
-        variances and covariances over the start's standard deviations. A change of units shifts them only.
+        Blocks: log L_ii and L_ij / L_ii of the Cholesky factor; scale: half the log of the factor; held or tied
+        entries: log standard deviations, and covariances over the start's standard deviations. A change of units
+        shifts them only.
         """
         if self.scale:
             return np.array([0.5 * np.log(np.trace(np.linalg.solve(self.start, Q)) / len(Q))])
-        if self.held:
+        if self.is_linear:
             s = np.sqrt(np.diag(self.start))
-            return np.array([0.5 * np.log(Q[i, i]) if i == j else Q[i, j] / (s[i] * s[j]) for i, j in self.free])
+            entries = [group[0] for group in self.groups]
+            return np.array([0.5 * np.log(Q[i, i]) if i == j else Q[i, j] / (s[i] * s[j]) for i, j in entries])
         parts = []
         for block in self.blocks:
             L = np.linalg.cholesky(Q[np.ix_(block, block)])
@@ -164,11 +196,12 @@ class CovarianceStructure:
         if self.scale:
             return self.start * float(np.exp(2.0 * z[0]))
         Q = np.zeros_like(self.start)
-        if self.held:
+        if self.is_linear:
             Q = np.where(self.block_of[:, None] == self.block_of[None, :], self.start, 0.0)
             s = np.sqrt(np.diag(self.start))
-            for (i, j), value in zip(self.free, z, strict=True):
-                Q[i, j] = Q[j, i] = np.exp(2.0 * value) if i == j else value * s[i] * s[j]
+            for group, value in zip(self.groups, z, strict=True):
+                for i, j in group:
+                    Q[i, j] = Q[j, i] = np.exp(2.0 * value) if i == j else value * s[i] * s[j]
             return Q
         at = 0
         for block in self.blocks:
@@ -188,10 +221,11 @@ class CovarianceStructure:
         if self.scale:
             out[0] = 2.0 * Q
             return out
-        if self.held:
+        if self.is_linear:
             s = np.sqrt(np.diag(self.start))
-            for a, (i, j) in enumerate(self.free):
-                out[a, i, j] = out[a, j, i] = 2.0 * Q[i, i] if i == j else s[i] * s[j]
+            for a, group in enumerate(self.groups):
+                for i, j in group:
+                    out[a, i, j] = out[a, j, i] = 2.0 * Q[i, i] if i == j else s[i] * s[j]
             return out
         at = 0
         for block in self.blocks:
@@ -208,16 +242,31 @@ class CovarianceStructure:
 
     @cached_property
     def coordinate_places(self) -> tuple[tuple[int, int], ...]:
-        """Entry (i, j), i >= j, that each coordinate belongs to; (-1, -1) for a factor on the whole."""
+        """Entry (i, j), i >= j, of each coordinate; (-1, -1) for a factor on the whole; of tied variances the first."""
         if self.scale:
             return ((-1, -1),)
-        if self.held:
-            return self.free
+        if self.is_linear:
+            return tuple(group[0] for group in self.groups)
         places: list[tuple[int, int]] = []
         for block in self.blocks:
             places += [(i, i) for i in block]
             places += [(block[a], block[b]) for a in range(len(block)) for b in range(a)]
         return tuple(places)
+
+    def names(self, of: Sequence[str]) -> tuple[str, ...]:
+        """Names of the coordinates, given those of the rows."""
+        if self.scale:
+            return (f"half the log of the factor on {self.what}",)
+        own = {block[0] for block in self.blocks} if not self.is_linear else set(range(len(of)))
+        # Within a block, L_ii is a standard deviation given the rows before it.
+        return tuple(
+            f"log std({of[i]})"
+            if i == j and i in own
+            else f"log L({of[i]})"
+            if i == j
+            else f"L({of[i]}, {of[j]}) scaled"
+            for i, j in self.coordinate_places
+        )
 
 
 def _objective(Q: Array, S: Array) -> float:

@@ -187,7 +187,7 @@ def _gone_pivots(unknowns: Unknowns, noise: NoiseValues) -> np.ndarray:
     at = 0
     for _, structure, (value,) in unknowns.covariances(noise):
         z, places = structure.coordinates(value), structure.coordinate_places
-        if not (structure.scale or structure.held):
+        if not (structure.scale or structure.is_linear):
             for k, (i, j) in enumerate(places):
                 out[at + k] = i == j and np.exp(z[k]) < GONE_PIVOT * np.sqrt(value[i, i])
         at += len(places)

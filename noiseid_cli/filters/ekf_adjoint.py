@@ -93,7 +93,7 @@ def _gram(U, P):  # type: ignore[no-untyped-def]
 
 @routine
 def _sandwich(A, X, Y, out, W):  # type: ignore[no-untyped-def]
-    """out = A' X Y with A (r, a), X (r, s), Y (s, b); W is scratch (>= r, >= b)."""
+    """Write A' X Y to out, with A (r, a), X (r, s), Y (s, b); W is scratch (>= r, >= b)."""
     r, a = A.shape
     s, b = Y.shape
     for i in range(r):
@@ -232,7 +232,7 @@ def _reverse(  # type: ignore[no-untyped-def]
     scheme, drift_jacobian, drift_adjoint, output_adjoint, p, dt, u, Q, UR,
     m_pred, U_pred, m_filt, U_filt, F, G, H, innovation, Q_, R_, m_, P_, p_,
 ):  # fmt: skip
-    """Run backward; Q_, R_ and p_ are added to, m_ and P_ end as the weights of the first state's mean and covariance."""
+    """Run backward; Q_, R_ and p_ are added to, m_ and P_ end as the weights of the first state's moments."""
     N, n = m_pred.shape
     nv = Q.shape[0]
     ny = UR.shape[0]
