@@ -6,10 +6,12 @@ adjoint. A caller gives the weights of x_next, F and G in a scalar and gets the 
 
 from __future__ import annotations
 
-from noiseid_cli.models.discretisation import DISCRETE, EULER, RK4
+import math
+
+from noiseid_cli.models.discretisation import DENSITY, DISCRETE, EULER, RK4
 from noiseid_cli.models.jit import routine
 
-REVERSIBLE = (DISCRETE, EULER, RK4)
+REVERSIBLE = (DISCRETE, EULER, RK4, DISCRETE + DENSITY, EULER + DENSITY, RK4 + DENSITY)
 """The schemes whose steps are known here."""
 
 
@@ -23,12 +25,18 @@ def transition_adjoint(  # type: ignore[no-untyped-def]
         scheme: one of ``REVERSIBLE``.
         jacobian, adjoint: the model's drift_jacobian and its adjoint.
         x, u, dt, p: where the step was taken.
-        x_bar, F_bar, G_bar: weights (n,), (n, n), (n, nv).
+        x_bar, F_bar, G_bar: weights (n,), (n, n), (n, nv); G_bar is overwritten where v is a density.
         gx, gp: written, (n,), (np,).
         work: scratch (adjoint_work_size(n, nv, np),).
     """
     n, nv = G_bar.shape
     size = n * (1 + n + nv)
+    if scheme >= DENSITY:
+        # G is divided by sqrt(dt) there, and so its weights are.
+        scheme -= DENSITY
+        for i in range(n):
+            for j in range(nv):
+                G_bar[i, j] /= math.sqrt(dt)
     if scheme == RK4:
         _runge_kutta_adjoint(jacobian, adjoint, x, u, dt, p, x_bar, F_bar, G_bar, gx, gp, work)
         return

@@ -76,7 +76,7 @@ def test_information_is_the_curvature_of_the_likelihood():
 
 
 def test_information_of_a_constant_in_white_noise():
-    """A level in noise, y = level + e, with a fixed level: N / r by the level and 2 N by the log standard deviation, no cross term."""
+    """A fixed level in noise: N / r by the level, 2 N by the log standard deviation, no cross term."""
     rng = np.random.default_rng(5)
     y = 3.0 + 0.5 * rng.normal(size=(400, 1))
     model = linear_model(A=[[1.0]], G=[[1.0]], C=[[1.0]])

@@ -10,7 +10,7 @@ from random_models import random_case
 
 from noiseid_cli.filters.ekf import extended_kalman_filter
 from noiseid_cli.filters.ekf_adjoint import has_exact_gradient, loglik_gradient
-from noiseid_cli.models.discretisation import EULER, RK4
+from noiseid_cli.models.discretisation import DENSITY, EULER, RK4
 
 
 def directions(noise, rng):
@@ -68,9 +68,9 @@ def slopes(model, recording, noise, change, by, step=1e-4):
     )
 
 
-@pytest.mark.parametrize("scheme", [EULER, RK4])
+@pytest.mark.parametrize("scheme", [EULER, RK4, EULER + DENSITY, RK4 + DENSITY])
 def test_gradient_goes_through_the_linearisation_points(scheme):
-    """A pendulum with a state-dependent noise gain, both schemes, parameters too."""
+    """A pendulum with a state-dependent noise gain, each scheme, parameters too."""
     model, noise, recordings = pendulum_case(3, (30,), missing=0.2)
     model = replace(model, scheme=scheme)
     filtered = extended_kalman_filter(model, recordings[0], noise)
