@@ -60,10 +60,13 @@ class Profile:
             value *= factor**2
             held: CovarianceStructure | None = None
         else:
-            value[self.i] *= factor
-            value[:, self.i] *= factor
-            kept = self.structure.held | {(self.i, self.i)}
-            held = replace(self.structure, start=value, held=kept)
+            # What is tied to it moves along.
+            group = list(next((g for g in self.structure.tied if self.i in g), (self.i,)))
+            value[group] *= factor
+            value[:, group] *= factor
+            kept = self.structure.held | {(i, i) for i in group}
+            tied = tuple(g for g in self.structure.tied if self.i not in g)
+            held = replace(self.structure, start=value, held=kept, tied=tied)
             held = held if held.free else None
         noise = replace(self.noise, **{self.letter: value})
         unknowns = replace(self.unknowns, **{self.letter: held})  # type: ignore[arg-type]

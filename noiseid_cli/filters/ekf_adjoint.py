@@ -37,7 +37,7 @@ class Gradient:
 
     Attributes:
         Q: (nv, nv); R: (ny, ny); m0: (nx,) by the mean of the first state; P0: (nx, nx).
-        parameters: (np,) by the model's parameters.
+        parameters: (np,) by the parameters of the model.
     """
 
     Q: Array
