@@ -23,7 +23,7 @@ from noiseid_cli.models.declarations import (
 from noiseid_cli.models.linearity import nonlinearity
 from noiseid_cli.models.recording import Array
 
-DISCRETISATIONS = ("discrete", "euler", "rk4", "exact")
+DISCRETISATIONS = ("discrete", "euler", "rk4", "exact", "van_loan")
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,8 @@ class Model:
         parameters: names, default values and units of the vector p.
         sample_time: interval between samples in a simulation, s.
         discretisation: how f becomes a step: ``euler``, ``rk4``, ``exact`` (f linear in states and noises), or
-            ``discrete`` where f is the next state.
+            ``discrete`` where f is the next state. ``van_loan`` is exact for a linear model driven by white noise: the
+            covariance of v is then a spectral density, and only the methods for ensembles take such a model.
         citation: the work that the model is from.
         latex_names: LaTeX of names that sympy does not render well, such as ``{"dqa1": r"\dot q_{a1}"}``.
     """
@@ -118,6 +119,14 @@ class Model:
         """Quantities of interest g that are not measured, such as a tool position."""
         return []
 
+    def initial_covariance(self, p: Any) -> Any:
+        """Covariance of the part of the first state that the model itself gives, such as a stationary process.
+
+        (nx, nx) as a sympy matrix or nested lists of parameters, zero for states that it says nothing of; None for no
+        such part. The methods for ensembles read it: the law of the other states is theirs to estimate.
+        """
+        return None
+
     def terms(self, x: Any, u: Any, p: Any) -> Terms:
         """Named intermediate quantities that ``dynamics``, ``output`` and ``performance`` may use."""
         return Terms()
@@ -158,9 +167,38 @@ class Model:
             performance=self._expressions("performance", (x, u, p), self.performances, known),
         )
         self._check_noise(equations)
-        if self.discretisation == "exact" and (why := nonlinearity(equations)):
-            raise ModelError(f"{self.name}: discretisation exact is for linear dynamics only; {why}. Take rk4.")
+        if self.discretisation in ("exact", "van_loan") and (why := nonlinearity(equations)):
+            raise ModelError(f"{self.name}: discretisation {self.discretisation} is for linear dynamics only; {why}. Take rk4.")
         return equations
+
+    def initial_law(self) -> Any | None:
+        """``initial_covariance`` as a checked (nx, nx) sympy matrix; None where the model gives none.
+
+        Raises:
+            ModelError: it is not a symmetric matrix of that size, or uses other symbols than parameters.
+        """
+        import sympy as sp
+
+        p = Symbols("p", [q.name for q in self.parameters])
+        given = self._call("initial_covariance", p)
+        if given is None:
+            return None
+        where, n = f"{type(self).__name__}.initial_covariance", len(self.states)
+        try:
+            law = sp.Matrix(given)
+        except (TypeError, ValueError) as error:
+            raise ModelError(f"{where} must return a matrix, not {given!r}: {error}.") from None
+        if law.shape != (n, n) or law != law.T:
+            raise ModelError(f"{where} must be a symmetric {n} by {n} matrix, not {law.shape[0]} by {law.shape[1]}.")
+        for value in law:
+            self._expression("initial_covariance", "an entry", value, set(p))
+        return law
+
+    @property
+    def free_first_states(self) -> tuple[Quantity, ...]:
+        """The states whose first value has a law that the model does not give: all, or all but those of that law."""
+        law = self.initial_law()
+        return tuple(q for i, q in enumerate(self.states) if law is None or law[i, i] == 0)
 
     def _definitions(self, x: Symbols, u: Symbols, v: Symbols, p: Symbols) -> dict[Any, Any]:
         terms = self._call("terms", x, u, p)

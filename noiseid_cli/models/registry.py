@@ -15,7 +15,10 @@ from noiseid_cli.errors import ModelError
 from noiseid_cli.models.declarations import unknown_name
 from noiseid_cli.models.equations import Model
 
-SYSTEMS = {"flexible_robot": "noiseid_cli.models.systems.flexible_robot:FlexibleRobot"}
+SYSTEMS = {
+    "flexible_robot": "noiseid_cli.models.systems.flexible_robot:FlexibleRobot",
+    "markov_manipulator": "noiseid_cli.models.systems.markov_manipulator:MarkovManipulator",
+}
 """Name of each built-in system and where its class stands; imported when asked for."""
 
 

@@ -11,14 +11,14 @@ from noiseid_cli.estimators.cross_sectional.admissible import boundary, free_dir
 from noiseid_cli.estimators.cross_sectional.batch import BatchOptions, batch_ml
 from noiseid_cli.estimators.cross_sectional.evaluate import evaluate
 from noiseid_cli.estimators.cross_sectional.problem import Coordinates, CrossSection, Theta
-from noiseid_cli.models.markov import (
+from tests.oracles.markov import (
     INITIAL_STATE_MAP,
     TRUE_ALPHA,
     TRUE_COVARIANCE,
     TRUE_MEAN,
     markov_matrices,
 )
-from noiseid_cli.simulation.markov_tests import simulate_markov_tests
+from tests.oracles.markov_tests import simulate_markov_tests
 
 START = Theta(np.zeros(2), np.diag([0.5, 0.5]), np.array([0.01, 0.04]))
 TRUTH = np.concatenate((TRUE_MEAN, np.diag(TRUE_COVARIANCE), TRUE_ALPHA))

@@ -13,8 +13,8 @@ from noiseid_cli.estimators.cross_sectional.evaluate import partitioned
 from noiseid_cli.estimators.cross_sectional.problem import CommonBias, Coordinates, CrossSection, Theta
 from noiseid_cli.estimators.cross_sectional.recursive import continue_recursion, recursive_ml
 from noiseid_cli.estimators.cross_sectional.recursive_state import RecursiveOptions, RecursiveState
-from noiseid_cli.models.markov import INITIAL_STATE_MAP, markov_matrices
-from noiseid_cli.simulation.markov_tests import simulate_markov_tests
+from tests.oracles.markov import INITIAL_STATE_MAP, markov_matrices
+from tests.oracles.markov_tests import simulate_markov_tests
 
 START = Theta(np.zeros(2), np.diag([0.5, 0.5]), np.array([0.01, 0.04]))
 

@@ -8,14 +8,14 @@ from noiseid_cli.errors import EstimationError
 from noiseid_cli.estimators.cross_sectional.evaluate import full, partitioned
 from noiseid_cli.estimators.cross_sectional.ignorant import ignorant_filter, statistics
 from noiseid_cli.estimators.cross_sectional.problem import Coordinates, CrossSection, Theta
-from noiseid_cli.models.markov import (
+from tests.oracles.markov import (
     INITIAL_STATE_MAP,
     TRUE_ALPHA,
     TRUE_COVARIANCE,
     TRUE_MEAN,
     markov_matrices,
 )
-from noiseid_cli.simulation.markov_tests import simulate_markov_tests
+from tests.oracles.markov_tests import simulate_markov_tests
 
 CASES = [
     {"seed": 1},

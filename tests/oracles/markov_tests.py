@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from noiseid_cli.models.markov import (
+from tests.oracles.markov import (
     INITIAL_STATE_MAP,
     INTERVAL,
     MEASUREMENT_VARIANCE,
