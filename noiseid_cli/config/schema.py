@@ -31,7 +31,7 @@ class ModelChoice(Base):
     parameters: dict[Text, float] = Field(
         default={}, description="parameter values that replace the model's, in its units"
     )
-    discretisation: Literal["euler", "rk4", "exact", "discrete"] | None = Field(
+    discretisation: Literal["euler", "rk4", "exact", "van_loan", "discrete"] | None = Field(
         default=None,
         description="how the equations become steps; exact, by the matrix exponential, is for linear ones only; "
         "default: the model's own",

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
+
+import numpy as np
 
 from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.models.recording import Array
@@ -28,12 +31,30 @@ class Parameters:
         names: of each unknown.
         start, final: (p,) values.
         standard_errors: (p,) of the final values; NaN where unknown, None where the method gives none.
+        log_scale: which unknowns cannot be negative, so that intervals are taken on their logarithm; none if empty.
     """
 
     names: Columns
     start: Array
     final: Array
     standard_errors: Array | None = None
+    log_scale: tuple[bool, ...] = ()
+
+    def interval(self, i: int, quantile: float = 1.959963984540054) -> tuple[float, float]:
+        """Confidence interval of one unknown, by default of 95 %; NaN without a standard error.
+
+        Where the unknown cannot be negative it is value * exp(-+ quantile * error / value).
+        """
+        if self.standard_errors is None:
+            return float("nan"), float("nan")
+        value, reach = float(self.final[i]), quantile * float(self.standard_errors[i])
+        if not self.log_scale or not self.log_scale[i]:
+            return value - reach, value + reach
+        if value <= 0.0:
+            # At the boundary the logarithm says nothing: the interval is one-sided.
+            return 0.0, reach
+        factor = math.exp(min(reach / value, 700.0))
+        return value / factor, value * factor
 
 
 @dataclass(frozen=True)
@@ -78,6 +99,7 @@ class Estimate:
         settings: the options in force, for the report.
         parameters: scalar unknowns beside Q, R, m0 and P0; None where there are none.
         series: curves that the method has to show.
+        state: arrays from which the method goes on with new recordings; empty where it cannot.
     """
 
     method: str
@@ -94,3 +116,4 @@ class Estimate:
     settings: dict[str, str | float | int] = field(default_factory=dict)
     parameters: Parameters | None = None
     series: tuple[Series, ...] = ()
+    state: dict[str, np.ndarray[Any, Any]] = field(default_factory=dict)

@@ -168,7 +168,9 @@ class Model:
         )
         self._check_noise(equations)
         if self.discretisation in ("exact", "van_loan") and (why := nonlinearity(equations)):
-            raise ModelError(f"{self.name}: discretisation {self.discretisation} is for linear dynamics only; {why}. Take rk4.")
+            raise ModelError(
+                f"{self.name}: discretisation {self.discretisation} is for linear dynamics only; {why}. Take rk4."
+            )
         return equations
 
     def initial_law(self) -> Any | None:

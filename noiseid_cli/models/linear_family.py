@@ -107,22 +107,21 @@ class LinearFamily:
 
     def _discretised(self, alpha: Array, dt: float) -> tuple[Array, ...]:
         (F, L, G, *_), (dF, dL, dG, *_) = self._values(alpha)
+        if self.model.discretisation == "van_loan":
+            W, dW = self._with_noise(alpha, G, dG)
+            return discretise(F, L, W, dF, dL, dW, dt)
+        A, B, G, dA, dB, dG = _held(self.model, (F, L, G), (dF, dL, dG), dt)
+        Q, dQ = self._with_noise(alpha, G, dG)
+        return A, B, Q, dA, dB, dQ
+
+    def _with_noise(self, alpha: Array, G: Array, dG: Array) -> tuple[Array, Array]:
+        """G Q G' and its derivative in all of alpha."""
         Q, _ = self.noise(alpha)
         half = dG @ Q @ G.T
         dW = half + half.transpose(0, 2, 1)
         for k, i in enumerate(self.process):
             dW[len(self.names) + k] += np.outer(G[:, i], G[:, i])
-        scheme = self.model.discretisation
-        if scheme == "van_loan":
-            return discretise(F, L, G @ Q @ G.T, dF, dL, dW, dt)
-        if scheme == "discrete":
-            return F, L, G @ Q @ G.T, dF, dL, dW
-        if scheme == "euler":
-            return np.eye(len(F)) + dt * F, dt * L, dt**2 * G @ Q @ G.T, dt * dF, dt * dL, dt**2 * dW
-        raise ModelError(
-            f"{self.model.name}: methods for ensembles of a linear model take the discretisations van_loan, euler and "
-            f"discrete, not {scheme}"
-        )
+        return G @ Q @ G.T, dW
 
     def filter_model(self, alpha: Array, recordings: Sequence[Recording]) -> tuple[CompiledModel, Array] | None:
         """A discrete model with a noise on each state, and the covariance (nx, nx) of that noise.
@@ -135,6 +134,27 @@ class LinearFamily:
         m = self(alpha, recordings[0])
         compiled = linear_model(m.A[0], np.eye(len(m.S_a)), m.C[0], m.B[0], m.D[0])
         return compiled, m.Q[0]
+
+
+def _held(model: Model, rates: Sequence[Array], slopes: Sequence[Array], dt: float) -> tuple[Array, ...]:
+    """A, B, G of a step over which input and noise are held, and their derivatives.
+
+    Raises:
+        ModelError: the discretisation has no such matrices.
+    """
+    (F, L, G), (dF, dL, dG) = rates, slopes
+    if model.discretisation == "discrete":
+        return F, L, G, dF, dL, dG
+    if model.discretisation == "euler":
+        return np.eye(len(F)) + dt * F, dt * L, dt * G, dt * dF, dt * dL, dt * dG
+    if model.discretisation == "exact":
+        none, wide, nu = np.zeros_like(F), np.concatenate((dL, dG), axis=2), L.shape[1]
+        A, B, _, dA, dB, _ = discretise(F, np.hstack((L, G)), none, dF, wide, np.zeros_like(dF), dt)
+        return A, B[:, :nu], B[:, nu:], dA, dB[:, :, :nu], dB[:, :, nu:]
+    raise ModelError(
+        f"{model.name}: methods for ensembles of a linear model take the discretisations exact, van_loan, euler and "
+        f"discrete, not {model.discretisation}"
+    )
 
 
 def _rates(model: Model, names: Sequence[str]) -> Rates:
@@ -192,5 +212,5 @@ def _check_linear(model: Model, matrices: list[Any], parts: tuple[Any, Any], mov
         rest = sp.simplify(part.subs(dict.fromkeys(moving, 0)))
         if any(value != 0 for value in rest):
             raise ModelError(
-                f"{model.name} has a constant term in its equations; make it an input that is 1, this method needs that."
+                f"{model.name} has a constant term in its equations; this method needs it as an input that is 1."
             )

@@ -24,7 +24,15 @@ from noiseid_cli.outcome import UnitResult
 from noiseid_cli.storage import hdf5
 from noiseid_cli.storage.atomic import publish
 from noiseid_cli.storage.layout import add_columns, add_index, add_labels, columns_of, labels_of, put
-from noiseid_cli.storage.unknowns import fill_parameters, fill_series, parameter_values, read_parameters, read_series
+from noiseid_cli.storage.unknowns import (
+    fill_parameters,
+    fill_series,
+    fill_state,
+    parameter_values,
+    read_parameters,
+    read_series,
+    read_state,
+)
 
 if TYPE_CHECKING:
     import h5py
@@ -158,6 +166,8 @@ def _fill_estimate(file: h5py.File, result: UnitResult) -> None:
     curves = file.create_group("series", track_order=True)
     for series in estimate.series:
         fill_series(curves, series)
+    if estimate.state:
+        fill_state(file.create_group("state"), estimate.state)
 
 
 def _fill_trace(group: h5py.Group, trace: dict[str, Array]) -> None:
@@ -236,6 +246,7 @@ def _estimate(file: h5py.File, sizes: dict[str, int]) -> Estimate:
         safeguards=tuple(json.loads(file.attrs["safeguards"])),
         settings=json.loads(file.attrs["settings"]),
         parameters=read_parameters(file),
+        state=read_state(file),
         series=tuple(read_series(name, group) for name, group in file["series"].items()) if "series" in file else (),
     )
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from noiseid_cli.estimators.estimate import Parameters, Series
 from noiseid_cli.models.recording import Array
@@ -17,6 +19,7 @@ def fill_parameters(group: h5py.Group, parameters: Parameters, truth: Array | No
     add_columns(group, "parameter", parameters.names, "unknown")
     known = {"start": parameters.start, "final": parameters.final, "truth": truth}
     known["standard_error"] = parameters.standard_errors
+    known["log_scale"] = np.array(parameters.log_scale, dtype=float) if parameters.log_scale else None
     for name, values in known.items():
         group.attrs[f"has_{name}"] = int(values is not None)
         if values is not None:
@@ -42,7 +45,9 @@ def read_parameters(file: h5py.File) -> Parameters | None:
     start, final, errors = (parameter_values(file, name) for name in ("start", "final", "standard_error"))
     assert start is not None
     assert final is not None
-    return Parameters(columns_of(file["parameters"], "parameter"), start, final, errors)
+    scale = parameter_values(file, "log_scale")
+    log_scale = () if scale is None else tuple(bool(value) for value in scale)
+    return Parameters(columns_of(file["parameters"], "parameter"), start, final, errors, log_scale)
 
 
 def parameter_values(file: h5py.File, name: str) -> Array | None:
@@ -60,3 +65,21 @@ def read_series(name: str, group: h5py.Group) -> Series:
     axis = (str(group.attrs["axis"]), str(group.attrs["axis_unit"]))
     values = get(group, "values", (points, len(columns)))
     return Series(name, str(group.attrs["title"]), axis, get(group, "at", (points,)), columns, values)
+
+
+def fill_state(group: h5py.Group, state: dict[str, np.ndarray[Any, Any]]) -> None:
+    """Write the arrays that an estimator goes on from; texts and single numbers as attributes."""
+    for name, array in state.items():
+        if array.ndim == 0:
+            group.attrs[name] = array.item()
+        else:
+            group.create_dataset(name, data=array, dtype=array.dtype, track_times=False)
+
+
+def read_state(file: h5py.File) -> dict[str, np.ndarray[Any, Any]]:
+    """What ``fill_state`` wrote."""
+    if "state" not in file:
+        return {}
+    group = file["state"]
+    single = {name: np.array(value) for name, value in group.attrs.items()}
+    return single | {name: np.asarray(item[()]) for name, item in group.items()}

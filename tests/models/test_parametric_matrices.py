@@ -8,14 +8,14 @@ from scipy.integrate import quad_vec
 from scipy.linalg import expm
 
 from noiseid_cli.errors import ModelError
+from noiseid_cli.models.parametric import discretise
+from noiseid_cli.models.recording import Recording
 from tests.oracles.markov import (
     TRUE_ALPHA,
     TRUE_COVARIANCE,
     TRUE_MEAN,
     markov_matrices,
 )
-from noiseid_cli.models.parametric import discretise
-from noiseid_cli.models.recording import Recording
 from tests.oracles.markov_tests import simulate_markov_tests
 
 NAMES = ("A", "B", "Q", "C", "D", "R", "S_a")

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from noiseid_cli.models.recording import Array, Recording
 from tests.oracles.markov import (
     INITIAL_STATE_MAP,
     INTERVAL,
@@ -16,7 +17,6 @@ from tests.oracles.markov import (
     TRUE_MEAN,
     markov_matrices,
 )
-from noiseid_cli.models.recording import Array, Recording
 
 POSITION_GAIN, SPEED_GAIN = 0.2, 0.6  # [chosen] 1/s^2, 1/s: closed-loop poles of modulus 0.71 at 1 s
 

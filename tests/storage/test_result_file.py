@@ -66,10 +66,17 @@ def results(draw):
     count = draw(st.integers(0, 2))
     unknowns = tuple((f"p{k}", "", "") for k in range(count))
     series = Series("p", "over tests", ("test", ""), part(n), unknowns, part(n, count))
-    parameters = Parameters(unknowns, part(count), part(count), part(count) if draw(st.booleans()) else None)
+    parameters = Parameters(
+        unknowns,
+        part(count),
+        part(count),
+        part(count) if draw(st.booleans()) else None,
+        draw(st.sampled_from([(), (True, False)[:count]])),
+    )
     estimate = replace(estimate, series=(series,) * draw(st.integers(0, 1)))
     if draw(st.booleans()):
-        estimate = replace(estimate, parameters=parameters)
+        state = {"count": np.array(7), "scheme": np.array("literal"), "J": part(2, 3), "seen": np.arange(3)}
+        estimate = replace(estimate, parameters=parameters, state=state)
     truth = part(count) if estimate.parameters is not None and draw(st.booleans()) else None
     columns = lambda letter, size: tuple((f"{letter}{k}", "N m", "a torque") for k in range(size))  # noqa: E731
     return UnitResult(

@@ -118,7 +118,7 @@ class Ensemble:
         return spread
 
     def noise(self, theta: Theta) -> NoiseValues:
-        """theta as noise values; the covariance of the first state is that under the first test's map."""
+        """Theta as noise values; the covariance of the first state is that under the first test's map."""
         Q, R = self.family.noise(theta.alpha)
         m0 = np.array([T @ theta.mu for T in self.first.maps])
         own = self.family(theta.alpha, self.recordings[0]).S_a if self.compiled is None else 0.0

@@ -17,7 +17,7 @@ from numba import types
 from noiseid_cli.filters.ekf import cube, extended_kalman_filter
 from noiseid_cli.filters.smoother import extended_kalman_smoother
 from noiseid_cli.models.compiled import CompiledModel
-from noiseid_cli.models.discretisation import transition, work_size
+from noiseid_cli.models.discretisation import transition, workspace
 from noiseid_cli.models.jit import kernel
 from noiseid_cli.models.linear_family import LinearFamily
 from noiseid_cli.models.noise import NoiseValues
@@ -70,10 +70,10 @@ def _matrices(family: LinearFamily, alpha: Array, A: Array, G: Array, C: Array) 
         dQ[k] = G[:, :, i, None] * G[:, None, :, i]
     for k, i in enumerate(family.measurement):
         dR[len(family.process) + k, 0, i, i] = 1.0
-    I, none = np.eye(nx)[None], np.zeros((na, 1, nx, nx))
+    none = np.zeros((na, 1, nx, nx))
     D = np.zeros((1, ny, nx))
     return ParametricMatrices(
-        A=A, B=I, Q=G @ Q @ G.transpose(0, 2, 1), C=C, D=D, R=R[None], S_a=np.zeros((nx, nx)),
+        A=A, B=np.eye(nx)[None], Q=G @ Q @ G.transpose(0, 2, 1), C=C, D=D, R=R[None], S_a=np.zeros((nx, nx)),
         dA=np.zeros((na, *A.shape)), dB=none, dQ=dQ, dC=np.zeros((na, *C.shape)), dD=np.zeros((na, *D.shape)), dR=dR,
         dS_a=none[:, 0],
     )  # fmt: skip
@@ -87,7 +87,7 @@ def _matrices(family: LinearFamily, alpha: Array, A: Array, G: Array, C: Array) 
 def _along(scheme, drift, output, path, u, dt, p, A, G, offset, C, h):  # type: ignore[no-untyped-def]
     """Matrices and offsets of every interval and sample; h becomes h(x^) - C x^."""
     N, nx = path.shape
-    work = np.empty(work_size(nx, G.shape[2]))
+    work = workspace(nx, G.shape[2])
     for k in range(N):
         output(path[k], u[k], p, h[k], C[k])
         for i in range(h.shape[1]):

@@ -19,9 +19,9 @@ class MarkovManipulator(Model):
 
     name = "markov_manipulator"
     citation = (
-        "D. W. Porter, M. D. Shuster, B. P. Gibbs, W. S. Levine: A partitioned recursive algorithm for the estimation of "
-        "dynamical and initial-condition parameters from cross-sectional data, IEEE CDC, 1983, section 5. The spectral "
-        "density q is lost in print; the one here is chosen."
+        "D. W. Porter, M. D. Shuster, B. P. Gibbs, W. S. Levine: A partitioned recursive algorithm for the estimation "
+        "of dynamical and initial-condition parameters from cross-sectional data, IEEE CDC, 1983, section 5. The "
+        "spectral density q is lost in print; the one here is chosen."
     )
     states = (
         Quantity("x1", "m", "position"),
