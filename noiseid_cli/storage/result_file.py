@@ -167,7 +167,7 @@ def _fill_estimate(file: h5py.File, result: UnitResult) -> None:
     for series in estimate.series:
         fill_series(curves, series)
     if estimate.state:
-        fill_state(file.create_group("state"), estimate.state)
+        fill_state(file.create_group("continuation"), estimate.state)
 
 
 def _fill_trace(group: h5py.Group, trace: dict[str, Array]) -> None:

@@ -78,8 +78,8 @@ def fill_state(group: h5py.Group, state: dict[str, np.ndarray[Any, Any]]) -> Non
 
 def read_state(file: h5py.File) -> dict[str, np.ndarray[Any, Any]]:
     """What ``fill_state`` wrote."""
-    if "state" not in file:
+    if "continuation" not in file:
         return {}
-    group = file["state"]
+    group = file["continuation"]
     single = {name: np.array(value) for name, value in group.attrs.items()}
     return single | {name: np.asarray(item[()]) for name, item in group.items()}
