@@ -141,6 +141,18 @@ def check_declarations(model: Any) -> None:
     check_number(f"{where}: sample_time", model.sample_time)
     if model.sample_time <= 0:
         raise ModelError(f"{where}: sample_time is {model.sample_time} s; it must be above zero.")
+    _check_sample_time_parameter(where, model)
+
+
+def _check_sample_time_parameter(where: str, model: Any) -> None:
+    name, defaults = model.sample_time_parameter, {p.name: p.value for p in model.parameters}
+    if name and name not in defaults:
+        raise ModelError(unknown_name(f"{where}: sample_time_parameter {name}", name, defaults))
+    if name and defaults[name] != model.sample_time:
+        raise ModelError(
+            f"{where}: parameter {name} equals the sample time: give both the same default, "
+            f"not {defaults[name]} and {model.sample_time} s."
+        )
 
 
 def _check_group(where: str, group: str, items: Any, kind: type) -> None:

@@ -63,6 +63,8 @@ class Model:
         states, inputs, noises, outputs, performances: names and units of the vectors x, u, v, y and z.
         parameters: names, default values and units of the vector p.
         sample_time: interval between samples in a simulation, s.
+        sample_time_parameter: name of the parameter that equals the sample time, for equations that need it, such as
+            those of a noise that is added once per sample; empty where there is none.
         discretisation: how f becomes a step: ``euler``, ``rk4``, ``exact`` (f linear in states and noises), or
             ``discrete`` where f is the next state. ``van_loan`` is exact for a linear model driven by white noise: the
             covariance of v is then a spectral density, and only the methods for ensembles take such a model.
@@ -78,6 +80,7 @@ class Model:
     performances: ClassVar[tuple[Quantity, ...]] = ()
     parameters: ClassVar[tuple[Parameter, ...]] = ()
     sample_time: ClassVar[float] = 0.0
+    sample_time_parameter: ClassVar[str] = ""
     discretisation: ClassVar[str] = ""
     citation: ClassVar[str] = ""
     latex_names: ClassVar[Mapping[str, str]] = {}
@@ -106,6 +109,23 @@ class Model:
             check_number(f"{self.name}: parameter {name}", value)
             self.values[name] = float(value)
             self.overridden.add(name)
+        if self.sample_time_parameter in self.overridden:
+            self.set_sample_time(self.values[self.sample_time_parameter])
+
+    def set_sample_time(self, seconds: float) -> None:
+        """Take another sample time, in the parameter that equals it too.
+
+        Raises:
+            ModelError: it is not a finite number above zero.
+        """
+        check_number(f"{self.name}: sample_time", seconds)
+        if seconds <= 0:
+            raise ModelError(f"{self.name}: sample_time is {seconds} s; it must be above zero.")
+        self.sample_time = float(seconds)  # type: ignore[misc]  # the class states its own; an instance may differ
+        if self.sample_time_parameter:
+            self.values[self.sample_time_parameter] = self.sample_time
+            if self.sample_time != type(self).sample_time:
+                self.overridden.add(self.sample_time_parameter)
 
     def dynamics(self, x: Any, u: Any, v: Any, p: Any) -> Any:
         """Right-hand sides f, one expression per state."""

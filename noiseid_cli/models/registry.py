@@ -18,6 +18,8 @@ from noiseid_cli.models.equations import Model
 SYSTEMS = {
     "flexible_robot": "noiseid_cli.models.systems.flexible_robot:FlexibleRobot",
     "markov_manipulator": "noiseid_cli.models.systems.markov_manipulator:MarkovManipulator",
+    "one_link": "noiseid_cli.models.systems.one_link:OneLink",
+    "pendubot": "noiseid_cli.models.systems.pendubot:Pendubot",
 }
 """Name of each built-in system and where its class stands; imported when asked for."""
 

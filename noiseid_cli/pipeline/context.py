@@ -65,7 +65,7 @@ class Context:
         if choice.discretisation is not None:
             model.discretisation = choice.discretisation  # type: ignore[misc]
         if self.experiment.simulate is not None and self.experiment.simulate.sample_time is not None:
-            model.sample_time = self.experiment.simulate.sample_time  # type: ignore[misc]
+            model.set_sample_time(self.experiment.simulate.sample_time)
         return model
 
     @cached_property

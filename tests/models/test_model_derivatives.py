@@ -77,7 +77,15 @@ def call(function, inputs, shapes):
     return outputs
 
 
-@pytest.fixture(scope="module", params=[robot, pendulum], ids=["flexible_robot", "double_pendulum"])
+def one_link():
+    return load_model("one_link")
+
+
+def pendubot():
+    return load_model("pendubot")
+
+
+@pytest.fixture(scope="module", params=[robot, pendulum, one_link, pendubot], ids=lambda make: make.__name__)
 def case(request):
     model = request.param()
     return model, compile_model(model), Oracle(model), random_points(model, np.random.default_rng(1))
