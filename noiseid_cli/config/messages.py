@@ -37,14 +37,14 @@ def to_problem(error: Any, document: Document) -> Problem | None:
     Returns:
         The problem; None where the value could not be read, which the document has complained about already.
     """
-    path, inside = _data_path(error["loc"], document.data)
     kind, context, value = error["type"], error.get("ctx", {}), error["input"]
+    own = context["at"] if kind == "refused" else ()
+    path, inside = _data_path((*error["loc"], *own), document.data)
     if inside and kind != "extra_forbidden":
         return None
     if kind == "too_short" and len(value) >= context["min_length"]:
         return None  # entries that are wrong themselves were not counted: each has its own complaint
     if kind == "refused":
-        path = (*path, *context["at"])
         message, at_key = context["message"], isinstance(value_at(document.data, path), dict)
     elif kind == "missing":
         path, message = _missing(path, document.data)
@@ -75,7 +75,8 @@ def _data_path(loc: tuple[str | int, ...], data: Any) -> tuple[Path, bool]:
         if isinstance(data, Fault):
             return tuple(path), True
         last = i == len(loc) - 1
-        if step == "[key]" or (isinstance(data, dict) and not last and data.get("kind") == step):
+        tag = isinstance(data, dict) and data.get("kind") == step and not (last and step in data)
+        if step == "[key]" or tag:
             continue
         if isinstance(data, dict) and step in data:
             path.append(step)

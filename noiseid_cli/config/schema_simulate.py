@@ -6,8 +6,9 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, Strict, model_validator
 
-from noiseid_cli.config.base import Base, Count, NotNegatives, Numbers, Positive, WholeFrom2, refuse
+from noiseid_cli.config.base import Base, Count, NotNegative, NotNegatives, Numbers, Positive, Text, WholeFrom2, refuse
 from noiseid_cli.config.covariance import Covariance, NoiseCovariance
+from noiseid_cli.simulation.s_curve import rests
 
 
 class Square(Base):
@@ -53,7 +54,70 @@ class Steps(Base):
     hold: Positive = Field(description="time for which a level is held, s")
 
 
-Trajectory = Annotated[Square | Zero | Multisine | Steps, Field(discriminator="kind")]
+class Hold(Base):
+    """A longer rest of the reference."""
+
+    begin: Positive = Field(description="time at which it begins, s, while the reference rests after a move")
+    end: Positive = Field(description="time at which the reference moves on, s")
+
+
+class SCurve(Base):
+    """One joint moves to and fro between two values under cascade control.
+
+    The controller sets u = speed_gain (position_gain (r - y) + r' - y') with y' a filtered difference of the output.
+    """
+
+    kind: Literal["s_curve"] = Field(description="one joint moves to and fro under closed-loop control")
+    input: Text = Field(description="the input that drives the joint; all others are zero")
+    output: Text = Field(description="the output that follows the reference, such as the measured angle of the joint")
+    between: Annotated[tuple[float, float], Strict(False)] = Field(
+        description="the two values that the reference moves between, in the output's unit"
+    )
+    start: float | None = Field(
+        default=None,
+        description="first value of the reference, which first moves to the second of the two; default: the first",
+    )
+    move_time: Positive = Field(description="time of a move, s")
+    dwell: NotNegative = Field(description="rest after each move, s")
+    hold: Hold | None = Field(default=None, description="a longer rest: the reference stays where it is")
+    position_gain: Positive = Field(description="gain on the error of position, 1/s")
+    speed_gain: Positive = Field(description="gain on the error of speed, in units of the input per unit of speed")
+    cutoff: Positive = Field(description="bandwidth of the filter on the differences of the output, Hz")
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.hold is None:
+            return self
+        if self.hold.end <= self.hold.begin:
+            refuse(f"must be after begin, {self.hold.begin:g} s, not {self.hold.end:g}", at=["hold", "end"])
+        period = self.move_time + self.dwell
+        if not rests(self.hold.begin, self.move_time, self.dwell):
+            end = (self.hold.begin // period) * period + self.move_time
+            refuse(
+                f"the reference moves at {self.hold.begin:g} s; it rests from {end:g} to {end + self.dwell:g} s",
+                at=["hold", "begin"],
+            )
+        return self
+
+
+Trajectory = Annotated[Square | Zero | Multisine | Steps | SCurve, Field(discriminator="kind")]
+
+
+class ParameterChange(Base):
+    """Parameters of the model that change during each test, and stay so until a later change."""
+
+    at: Positive = Field(description="time from the first sample, s")
+    set: dict[Text, float] = Field(default={}, description="new values by name, in the parameters' units")
+    scale: dict[Text, float] = Field(default={}, description="factors by name, on the values in force until then")
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if not self.set and not self.scale:
+            refuse("changes nothing: give set or scale, such as {scale: {mass: 2}}")
+        for name in self.scale:
+            if name in self.set:
+                refuse("stands in set too: give one of the two", at=["scale", name])
+        return self
 
 
 class HeldOut(Base):
@@ -76,6 +140,9 @@ class Simulate(Base):
     process_noise: NoiseCovariance = Field(description="true covariance of the process noise")
     measurement_noise: Covariance = Field(description="true covariance of the measurement noise")
     held_out: HeldOut | None = Field(default=None, description="further tests on which the estimates are scored")
+    parameter_changes: tuple[ParameterChange, ...] = Field(
+        default=(), strict=False, description="parameters of the model that change during each test; default: none do"
+    )
     initial_state: Numbers | None = Field(
         default=None,
         description="first state of each test, in the units of the states; default: where the motion starts, or 0",

@@ -23,6 +23,8 @@ class Recording:
         start: time of the first sample, s.
         x_true: (N, nx) true states, where known.
         z_true: (N, nz) true performance outputs (such as a tool position), where known.
+        parameters_true: (N, np) true model parameters at each sample, where they change during the test; row k holds
+            for y[k] and for the interval that follows.
     """
 
     name: str
@@ -32,6 +34,7 @@ class Recording:
     start: float = 0.0
     x_true: Array | None = None
     z_true: Array | None = None
+    parameters_true: Array | None = None
 
     @property
     def samples(self) -> int:
@@ -52,7 +55,7 @@ class Dataset:
         name: label of the dataset.
         model: name of the model that the columns belong to.
         recordings: the tests; their lengths may differ.
-        inputs, outputs, states, performances: (name, unit, description) of each column.
+        inputs, outputs, states, performances, parameters: (name, unit, description) of each column.
         Q_true: (nv, nv) covariance of the process noise that made the data, where known.
         R_true: (ny, ny) covariance of the measurement noise that made the data, where known.
         notes: what was done to the data on the way in (rows dropped, gaps marked, ...), in sentences.
@@ -65,6 +68,7 @@ class Dataset:
     outputs: tuple[tuple[str, str, str], ...] = ()
     states: tuple[tuple[str, str, str], ...] = ()
     performances: tuple[tuple[str, str, str], ...] = ()
+    parameters: tuple[tuple[str, str, str], ...] = ()
     Q_true: Array | None = None
     R_true: Array | None = None
     notes: tuple[str, ...] = field(default=())

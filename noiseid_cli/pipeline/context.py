@@ -111,7 +111,8 @@ class Context:
             ConfigError: with every problem found.
             DataError: the file of published figures cannot be read.
         """
-        from noiseid_cli.config.check import ModelNames, check_against
+        from noiseid_cli.config.check import check_against
+        from noiseid_cli.config.findings import ModelNames
         from noiseid_cli.config.published import load_published
 
         model = self.model
@@ -126,6 +127,7 @@ class Context:
             sample_time=model.sample_time or None,
             discretisation=type(model).discretisation,
             nonlinearity=self._nonlinearity(model),
+            sample_time_parameter=model.sample_time_parameter,
         )
         problems = check_against(self.loaded, names)
         if problems:

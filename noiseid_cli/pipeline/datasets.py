@@ -43,6 +43,7 @@ def _simulate(context: Context, unit: DatasetUnit) -> Dataset:
     import numpy as np
 
     from noiseid_cli.simulation.motions import MOTIONS, plan_motion
+    from noiseid_cli.simulation.parameter_changes import ParameterChange
     from noiseid_cli.simulation.simulate import HELD_OUT, STREAM, simulate
 
     section = context.experiment.simulate
@@ -52,7 +53,10 @@ def _simulate(context: Context, unit: DatasetUnit) -> Dataset:
         assert section.held_out is not None
         trajectory, tests = section.held_out.trajectory, section.held_out.tests
     kind = trajectory.kind
-    options = MOTIONS[kind].options(**trajectory.model_dump(exclude={"kind"}))
+    settings = trajectory.model_dump(exclude={"kind"})
+    if kind == "s_curve" and settings["hold"] is not None:
+        settings["hold"] = (settings["hold"]["begin"], settings["hold"]["end"])
+    options = MOTIONS[kind].options(**settings)
     plan = plan_motion(kind, options, context.model, context.simulator, section.samples)
     Q = section.process_noise.matrix()
     return simulate(
@@ -68,6 +72,7 @@ def _simulate(context: Context, unit: DatasetUnit) -> Dataset:
         x0=None if section.initial_state is None else np.array(section.initial_state),
         name=unit.name,
         stream=HELD_OUT if unit.held_out else STREAM,
+        changes=[ParameterChange(**change.model_dump()) for change in section.parameter_changes],
     )
 
 

@@ -71,7 +71,7 @@ def make_estimate(context: Context, unit: EstimateUnit, progress: Progress | Non
         seed=context.experiment.seed,
         held_out={} if held_out is None else _score(context, held_out, candidates),
         held_out_tests=0 if held_out is None else len(held_out.recordings),
-        parameters_true=_true_parameters(context, estimate),
+        parameters_true=_true_parameters(context, dataset, estimate),
         density=context.density,
         interval=conversion_interval(dataset, context.model, context.density),
     )
@@ -120,11 +120,13 @@ def _run(
         )
 
 
-def _true_parameters(context: Context, estimate: Estimate) -> Array | None:
-    """Truth of the estimated scalars: a simulation is made with the model's own values."""
+def _true_parameters(context: Context, dataset: Dataset, estimate: Estimate) -> Array | None:
+    """Truth of the estimated scalars: the model's own values, or those at the end of a test in which they change."""
     if estimate.parameters is None or context.experiment.simulate is None:
         return None
-    values = context.model.values
+    values = dict(context.model.values)
+    if (path := dataset.recordings[-1].parameters_true) is not None:
+        values |= zip((name for name, _, _ in dataset.parameters), path[-1].tolist(), strict=True)
     return np.array([values.get(name, np.nan) for name, _, _ in estimate.parameters.names])
 
 

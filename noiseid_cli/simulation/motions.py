@@ -15,6 +15,7 @@ from noiseid_cli.models.recording import Array
 from noiseid_cli.simulation import signals
 from noiseid_cli.simulation.robot_controller import RobotController, robot_reference
 from noiseid_cli.simulation.rollout import Controller
+from noiseid_cli.simulation.s_curve import Cascade, SCurve, rests
 from noiseid_cli.simulation.trajectory import SquarePath
 
 
@@ -78,6 +79,62 @@ class Steps:
 
     amplitude: tuple[float, ...]
     hold: float
+
+
+@dataclass(frozen=True)
+class SCurveMotion:
+    """Options of kind ``s_curve``: a joint moves to and fro under cascade control, see ``simulation.s_curve``.
+
+    Attributes:
+        input: name of the input that drives the joint; the model's other inputs are zero.
+        output: name of the output that follows the reference; it must not depend on the input directly.
+        between: the two values that the reference moves between, in the output's unit.
+        move_time: time of a move, s, above 0.
+        dwell: rest after each move, s, from 0.
+        position_gain: Kp, 1/s, above 0.
+        speed_gain: Kv, in units of the input per unit of the output's rate, above 0.
+        cutoff: bandwidth of the filter on the output's difference, Hz, above 0.
+        start: first value of the reference; None for the first of the two.
+        hold: begin and end of a longer rest, s; None for none.
+    """
+
+    input: str
+    output: str
+    between: tuple[float, float]
+    move_time: float
+    dwell: float
+    position_gain: float
+    speed_gain: float
+    cutoff: float
+    start: float | None = None
+    hold: tuple[float, float] | None = None
+
+
+def _s_curve(options: SCurveMotion, model: Model, compiled: CompiledModel, samples: int) -> Plan:
+    for what, name, names in (("input", options.input, compiled.inputs), ("output", options.output, compiled.outputs)):
+        known = ", ".join(names) or "none"
+        _require(name in names, f"s_curve: {name} is not an {what} of {compiled.name}; it has {known}.")
+    positive = (options.move_time, options.position_gain, options.speed_gain, options.cutoff)
+    _require(
+        min(positive) > 0 and options.dwell >= 0,
+        "s_curve: move_time, position_gain, speed_gain and cutoff must be above 0, and dwell at least 0.",
+    )
+    if options.hold is not None:
+        begin, end = options.hold
+        standing = 0 < begin < end and rests(begin, options.move_time, options.dwell)
+        _require(standing, "s_curve: hold must begin while the reference rests, and end later.")
+    start = options.between[0] if options.start is None else options.start
+    curve = SCurve(options.between, start, options.move_time, options.dwell, options.hold)
+    controller = Cascade(
+        curve.at(model.sample_time * np.arange(samples, dtype=np.float64)),
+        model.sample_time,
+        gains=(options.position_gain, options.speed_gain),
+        cutoff=options.cutoff,
+        acts_on=compiled.inputs.index(options.input),
+        reads=compiled.outputs.index(options.output),
+        inputs=compiled.nu,
+    )
+    return Plan(controller, np.zeros(compiled.nx))
 
 
 def _square(options: Square, model: Model, compiled: CompiledModel, samples: int) -> Plan:
@@ -151,6 +208,7 @@ MOTIONS = {
     "zero": Motion(Zero, _zero),
     "multisine": Motion(Multisine, _multisine),
     "steps": Motion(Steps, _steps),
+    "s_curve": Motion(SCurveMotion, _s_curve),
 }
 """Each kind that may stand as ``trajectory: {kind: ...}``."""
 

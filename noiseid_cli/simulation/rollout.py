@@ -70,6 +70,7 @@ def rollout(
     e: Array,
     dt: float,
     label: str = "test",
+    parameters: Array | None = None,
 ) -> Rollout:
     """Simulate one test.
 
@@ -81,12 +82,13 @@ def rollout(
         e: (N, ny) measurement noise of each sample.
         dt: interval, s.
         label: name of the test, for error texts.
+        parameters: (N, np) parameter values at each sample, each held until the next; None for the model's own.
 
     Raises:
         DataError: the state leaves the finite numbers, or the controller reads an output that depends on the input
             it sets.
     """
-    N, p = len(e), compiled.parameters
+    N, p = len(e), np.array(compiled.parameters)
     out = Rollout(
         x=np.empty((N, compiled.nx)),
         u=np.zeros((N, compiled.nu)),
@@ -102,6 +104,8 @@ def rollout(
     for k in range(N):
         if not np.isfinite(x).all():
             raise _diverged(compiled, label, k, dt, out.x)
+        if parameters is not None:
+            p[:] = parameters[k]
         seen = np.full(compiled.ny, np.nan)
         if reads:
             compiled.output(x, u, p, h)

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from noiseid_cli.errors import DataError
 from noiseid_cli.models.compiled import CompiledModel
-from noiseid_cli.models.declarations import Quantity
+from noiseid_cli.models.declarations import Parameter, Quantity
 from noiseid_cli.models.equations import Model
 from noiseid_cli.models.recording import Array, Dataset, Recording
 from noiseid_cli.simulation.motions import Plan
+from noiseid_cli.simulation.parameter_changes import ParameterChange, parameters_over_time
 from noiseid_cli.simulation.rollout import rollout
 
 STREAM = 0
@@ -34,6 +37,7 @@ def simulate(
     P0: Array | None = None,
     name: str = "simulated",
     stream: int = STREAM,
+    changes: Sequence[ParameterChange] = (),
 ) -> Dataset:
     """Simulate tests that differ in their noise only.
 
@@ -54,8 +58,10 @@ def simulate(
         P0: (nx, nx) covariance of the first state; None for a first state equal to its mean.
         name: label of the dataset.
         stream: family of random streams, ``STREAM`` or ``HELD_OUT``.
+        changes: of the model's parameters, in every test; the dataset then carries the true values over time.
 
     Raises:
+        ModelError: a change names no parameter of the model.
         DataError: a covariance has the wrong shape or a negative eigenvalue, or the state leaves the finite numbers.
     """
     if samples < 1 or tests < 1:
@@ -69,6 +75,7 @@ def simulate(
     if mean.shape != (compiled.nx,):
         raise DataError(f"the first state has the shape {mean.shape}; {model.name} has {compiled.nx} states.")
     dt = model.sample_time
+    parameters = parameters_over_time(model, changes, samples) if changes else None
     recordings = []
     for test in range(tests):
         rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(stream, replicate, test))))
@@ -76,7 +83,7 @@ def simulate(
         e = rng.standard_normal((samples, compiled.ny)) @ chol_R.T
         first = mean + chol_P0 @ rng.standard_normal(compiled.nx)
         label = f"test {test + 1}"
-        out = rollout(compiled, plan.controller, first, v, e, dt, label)
+        out = rollout(compiled, plan.controller, first, v, e, dt, label, parameters)
         recordings.append(
             Recording(
                 name=label,
@@ -85,6 +92,7 @@ def simulate(
                 y=out.y,
                 x_true=out.x,
                 z_true=out.z if compiled.nz else None,
+                parameters_true=parameters,
             )
         )
     return Dataset(
@@ -95,6 +103,7 @@ def simulate(
         outputs=_columns(model.outputs),
         states=_columns(model.states),
         performances=_columns(model.performances),
+        parameters=_columns(model.parameters) if changes else (),
         Q_true=np.array(Q, dtype=float),
         R_true=np.array(R, dtype=float),
     )
@@ -130,5 +139,5 @@ def covariance_factor(what: str, C: Array, n: int) -> Array:
     return factor
 
 
-def _columns(group: tuple[Quantity, ...]) -> tuple[tuple[str, str, str], ...]:
+def _columns(group: Sequence[Quantity | Parameter]) -> tuple[tuple[str, str, str], ...]:
     return tuple((q.name, q.unit, q.description) for q in group)

@@ -10,8 +10,9 @@ from numpy.polynomial import Polynomial
 from noiseid_cli.errors import ModelError
 from noiseid_cli.models.recording import Array
 
-# Share of a side travelled at share s of its time: speed, acceleration and jerk are zero at both ends.
-_LAW = Polynomial([0, 0, 0, 0, 35, -84, 70, -20])
+LAW = Polynomial([0, 0, 0, 0, 35, -84, 70, -20])
+"""Share of a way travelled at share s of its time: speed, acceleration and jerk are zero at both ends."""
+
 _DIRECTIONS = np.array([[0.0, 1.0], [1.0, 0.0], [0.0, -1.0], [-1.0, 0.0]])  # up, right, down, left
 
 
@@ -36,7 +37,7 @@ class SquarePath:
         turn = number.astype(int) % 4
         corners = np.array(self.corner) + self.side * np.vstack(([0.0, 0.0], np.cumsum(_DIRECTIONS, axis=0)[:3]))
         way = self.side * _DIRECTIONS[turn]
-        law, rate = _LAW, 1.0 / self.side_time
+        law, rate = LAW, 1.0 / self.side_time
         position = corners[turn] + law(s)[:, None] * way
         velocity = rate * law.deriv(1)(s)[:, None] * way
         return position, velocity, rate**2 * law.deriv(2)(s)[:, None] * way

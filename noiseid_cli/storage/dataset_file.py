@@ -107,6 +107,7 @@ def _check(dataset: Dataset) -> None:
             "y": (test.y, (n, len(dataset.outputs))),
             "x_true": (test.x_true, (n, len(dataset.states))),
             "z_true": (test.z_true, (n, len(dataset.performances))),
+            "parameters_true": (test.parameters_true, (n, len(dataset.parameters))),
         }
         for label, (array, shape) in wanted.items():
             if array is not None and array.shape != shape:
@@ -151,8 +152,10 @@ def _fill_truth(file: h5py.File, dataset: Dataset) -> None:
     truth = file.create_group("truth")
     add_columns(truth, "state", dataset.states, "state")
     add_columns(truth, "performance", dataset.performances, "performance output")
+    add_columns(truth, "parameter", dataset.parameters, "model parameter")
     _fill_true_path(truth, "x", "state", dataset.states, [test.x_true for test in dataset.recordings])
     _fill_true_path(truth, "z", "performance", dataset.performances, [t.z_true for t in dataset.recordings])
+    _fill_true_path(truth, "p", "parameter", dataset.parameters, [t.parameters_true for t in dataset.recordings])
     if dataset.Q_true is not None:
         for dim in ("noise", "noise_"):
             add_index(truth, dim, len(dataset.Q_true), "number of the process noise", first=1)
@@ -165,13 +168,13 @@ def _fill_truth(file: h5py.File, dataset: Dataset) -> None:
 
 
 def _fill_true_path(truth: h5py.Group, name: str, dim: str, columns: Columns, paths: list[Array | None]) -> None:
-    """Write the true states or performance outputs of the tests where they are known."""
+    """Write the true states, performance outputs or parameters of the tests where they are known."""
     truth.attrs[f"{name}_known"] = np.array([path is not None for path in paths], dtype=np.int64)
     known = [path for path in paths if path is not None]
     if known:
         longest = len(truth.file["sample"]) if "sample" in truth.file else 0
         values = _padded(paths, (longest, len(columns)))
-        long_name = f"true {dim}" if dim == "state" else "true performance output"
+        long_name = "true performance output" if dim == "performance" else f"true {dim}"
         put(truth, name, values, ["test", "sample", dim], common_unit(columns, dim), long_name)
 
 
@@ -193,7 +196,7 @@ def _padded(arrays: Sequence[Array | None], shape: tuple[int, ...]) -> Array:
 def _dataset(file: h5py.File) -> Dataset:
     inputs, outputs = columns_of(file, "input"), columns_of(file, "output")
     truth = file["truth"]
-    states, performances = columns_of(truth, "state"), columns_of(truth, "performance")
+    states, performances, parameters = (columns_of(truth, dim) for dim in ("state", "performance", "parameter"))
     names = labels_of(file, "test")
     lengths = file["length"][()]
     plane = (len(names), len(file["sample"]) if "sample" in file else 0)
@@ -201,11 +204,12 @@ def _dataset(file: h5py.File) -> Dataset:
     u, y = get(file, "u", (*plane, len(inputs))), get(file, "y", (*plane, len(outputs)))
     x = _truth(truth, "x", (*plane, len(states)))
     z = _truth(truth, "z", (*plane, len(performances)))
+    p = _truth(truth, "p", (*plane, len(parameters)))
     tests = []
     for k, (name, n) in enumerate(zip(names, lengths, strict=True)):
-        x_true, z_true = _first(x[k], n), _first(z[k], n)
+        x_true, z_true, p_true = _first(x[k], n), _first(z[k], n), _first(p[k], n)
         dt, start = interval[k, : n - 1].copy(), float(time[k, 0])
-        tests.append(Recording(name, dt, u[k, :n].copy(), y[k, :n].copy(), start, x_true, z_true))
+        tests.append(Recording(name, dt, u[k, :n].copy(), y[k, :n].copy(), start, x_true, z_true, p_true))
     return Dataset(
         name=str(file.attrs["title"]),
         model=str(file.attrs["model"]),
@@ -214,6 +218,7 @@ def _dataset(file: h5py.File) -> Dataset:
         outputs=outputs,
         states=states,
         performances=performances,
+        parameters=parameters,
         Q_true=truth["Q"][()] if "Q" in truth else None,
         R_true=truth["R"][()] if "R" in truth else None,
         notes=tuple(json.loads(file.attrs["notes"])),
@@ -221,7 +226,7 @@ def _dataset(file: h5py.File) -> Dataset:
 
 
 def _truth(truth: h5py.Group, name: str, shape: tuple[int, ...]) -> list[Array | None]:
-    known = truth.attrs[f"{name}_known"]
+    known = truth.attrs.get(f"{name}_known", [False] * shape[0])  # files before parameters could change have no p
     if not any(known):
         return [None] * len(known)
     values = get(truth, name, shape)

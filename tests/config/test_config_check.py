@@ -1,6 +1,9 @@
+from dataclasses import replace
+
 import pytest
 
-from noiseid_cli.config.check import ModelNames, check_against
+from noiseid_cli.config.check import check_against
+from noiseid_cli.config.findings import ModelNames
 from noiseid_cli.config.load import builtin_experiment, load_experiment
 
 ROBOT = ModelNames(
@@ -14,6 +17,10 @@ ROBOT = ModelNames(
 )
 PENDULUM = ModelNames(
     states=("q1", "q2", "w1", "w2"), inputs=("tau1", "tau2"), noises=("v1", "v2"), outputs=("q1", "q2")
+)
+JOINT = (
+    "{kind: s_curve, input: u1, output: qm1, between: [0, 1], start: 0.5, move_time: 1, dwell: 0.1, "
+    "hold: {begin: 1.05, end: 2}, position_gain: 15, speed_gain: 2, cutoff: 60}"
 )
 MEASURED = "configs/double_pendulum_measured.yaml"
 COUPLED = "{full: [[2,1,0,0],[1,2,0,0],[0,0,1,0],[0,0,0,1]]}"
@@ -44,6 +51,8 @@ FITS = [
     ["estimate.initial_covariance={known: {std: [0, 0, 0, 0, 0, 0, 0, 0]}}"],
     [f"estimate.initial_mean={{start: {EIGHT}}}"],
     ["simulate.samples=16777216"],
+    [f"simulate.trajectory={JOINT}"],
+    ["simulate.parameter_changes=[{at: 1, set: {g: 2}}, {at: 0.5, scale: {g: 2, j1: 3}}]"],
 ]  # fmt: skip
 
 
@@ -66,6 +75,16 @@ SIMULATED = [
     ("simulate.trajectory={kind: steps, amplitude: [1, 1], hold: 1e-4}", "simulate.trajectory.hold", "sample time"),
     ("simulate.trajectory={kind: multisine, amplitude: [1, 1], lowest: 1, highest: 1000, lines: 3}",
      "simulate.trajectory.highest", "below half the sampling frequency, 1000 Hz"),
+    (f"simulate.trajectory={JOINT.replace('u1', 'u')}", "simulate.trajectory.input",
+     "u is not one of the model's inputs"),
+    (f"simulate.trajectory={JOINT.replace('qm1', 'an2')}", "simulate.trajectory.output", "did you mean an?"),
+    (f"simulate.trajectory={JOINT.replace('60', '1000')}", "simulate.trajectory.cutoff", "below half the sampling"),
+    (f"simulate.trajectory={JOINT.replace('move_time: 1', 'move_time: 1e-4').replace('1.05', '0.1')}",
+     "simulate.trajectory.move_time", "at least the sample time"),
+    ("simulate.parameter_changes=[{at: 1, scale: {j1: 2, j2: 2}}]", "simulate.parameter_changes.0.scale.j2",
+     "j2 is not one of the model's parameters: g, j1"),
+    ("simulate.parameter_changes=[{at: 1, set: {j1: 2}}, {at: 2.1, set: {j1: 2}}]", "simulate.parameter_changes.1.at",
+     "2.1 s is after the last sample, at 1.9995 s"),
     ("model.name=one_link", "simulate.trajectory.kind", "flexible_robot only"),
     ("estimate.process_noise={start: {std: [1]}}", "estimate.process_noise.start.std", "1 entries"),
     ("estimate.process_noise={start: {std: [1,1,1,1]}, structure: {blocks: [[va1, vb]]}}",
@@ -89,6 +108,32 @@ SIMULATED = [
     (f"estimate.initial_covariance={{start: {{std: {EIGHT}}}}}", "estimate.initial_covariance.start", "at least two"),
     ("estimate.starts.measurement_scale=[1, 2]", "estimate.starts.measurement_scale", "which is known here"),
 ]  # fmt: skip
+
+
+SAMPLED = replace(ROBOT, parameters=("g", "Ts"), sample_time_parameter="Ts")
+
+
+def test_a_sample_time_in_two_places_must_agree():
+    same = ["model.parameters={Ts: 1e-3}", "simulate.sample_time=1e-3"]
+    assert simulated(*same, model=SAMPLED) == []
+    assert simulated(same[0], model=SAMPLED) == []
+    (problem,) = simulated(same[0], "simulate.sample_time=2e-3", model=SAMPLED)
+    assert problem.path == "model.parameters.Ts"
+    assert "simulate.sample_time gives as 0.002 s: leave one out" in problem.message
+
+
+def test_the_sample_time_does_not_change_during_a_test():
+    (problem,) = simulated("simulate.parameter_changes=[{at: 1, set: {Ts: 1}}]", model=SAMPLED)
+    assert problem.path == "simulate.parameter_changes.0.set.Ts"
+    assert "cannot change during a test" in problem.message
+
+
+def test_changing_parameters_need_memory():
+    many = replace(ROBOT, parameters=tuple(f"p{i}" for i in range(16)))
+    change = "simulate.parameter_changes=[{at: 1, set: {p1: 1}}]"
+    assert simulated("simulate.samples=8388608", change, model=many) == []
+    (problem,) = simulated("simulate.samples=8388609", change, model=many)
+    assert "16 parameters need 1 GiB" in problem.message
 
 
 @pytest.mark.parametrize(("override", "path", "said"), SIMULATED)

@@ -73,7 +73,26 @@ def test_the_caret_stands_below_the_value(tmp_path):
 
 STARTER = builtin_experiment().read_text()
 
+JOINT = (
+    "{kind: s_curve, input: a, output: b, between: [0, 1], move_time: 2, dwell: 0.2, HOLD, "
+    "position_gain: 1, speed_gain: 1, cutoff: 1}"
+)
+SQUARE = "{kind: square, corner: [1.2, 0.7], side: 0.2, side_time: 0.5}"
+
 ONE_MISTAKE = [
+    (SQUARE, JOINT.replace("HOLD", "hold: {begin: 10.5, end: 12}"), "simulate.trajectory.hold.begin",
+     "the reference moves at 10.5 s; it rests from 10.8 to 11 s"),
+    (SQUARE, JOINT.replace("HOLD", "hold: {begin: 2, end: 2}"), "simulate.trajectory.hold.end",
+     "must be after begin, 2 s, not 2"),
+    (SQUARE, JOINT.replace("dwell: 0.2, HOLD", "dwell: -1"), "simulate.trajectory.dwell", "at least 0, not -1"),
+    (SQUARE, "{kind: multisine, amplitude: [1, 1], lowest: 2, highest: 1, lines: 3}", "simulate.trajectory.highest",
+     "must be at least lowest, 2 Hz, not 1"),
+    ("samples: 4000", "samples: 9\n  parameter_changes: [{at: 1}]", "simulate.parameter_changes.0",
+     "changes nothing: give set or scale"),
+    ("samples: 4000", "samples: 9\n  parameter_changes: [{at: 1, set: {a: 1}, scale: {a: 1}}]",
+     "simulate.parameter_changes.0.scale.a", "stands in set too"),
+    ("samples: 4000", "samples: 9\n  parameter_changes: [{at: 0, set: {a: 1}}]", "simulate.parameter_changes.0.at",
+     "greater than 0, not 0"),
     ("experiment: flexible_robot", "experiment: ../x", "experiment", "is not a label"),
     ("experiment: flexible_robot", "experiment: 2011", "experiment", "must be text, not 2011: put it in quotes"),
     ("experiment: flexible_robot", "", "experiment", "is missing: name of the experiment"),

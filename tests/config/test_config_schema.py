@@ -23,6 +23,7 @@ simulate:
   trajectory: {kind: multisine, amplitude: [1, 0], lowest: 0.1, highest: 20, lines: 7}
   process_noise: {std: [1, 2], correlation: [[1, -0.5], [-0.5, 1]]}
   measurement_noise: {full: [[2, 1], [1, 2]]}
+  parameter_changes: [{at: 0.1, set: {g: 2}}, {at: 0.15, scale: {m: 3, g: 4}}]
   initial_state: [0.1, -0.2]
   held_out: {tests: 2, trajectory: {kind: steps, amplitude: [3, 4], hold: 0.5}}
 estimate:
@@ -99,6 +100,8 @@ def test_every_option_of_a_simulation(tmp_path):
     motion = simulate.trajectory
     assert (motion.amplitude, motion.lowest, motion.highest, motion.lines) == ((1.0, 0.0), 0.1, 20.0, 7)
     assert simulate.initial_state == (0.1, -0.2)
+    changes = [(change.at, change.set, change.scale) for change in simulate.parameter_changes]
+    assert changes == [(0.1, {"g": 2.0}, {}), (0.15, {}, {"m": 3.0, "g": 4.0})]
     assert (simulate.held_out.tests, simulate.held_out.trajectory.hold) == (2, 0.5)
     estimate = got.estimate
     assert estimate.process_noise.structure.blocks == (("a",), ("b",))
@@ -224,7 +227,15 @@ def test_groups_of_binary_files(tmp_path, kind):
 
 @pytest.mark.parametrize(
     ("motion", "kind"),
-    [("{kind: zero}", "zero"), ("{kind: steps, amplitude: [1, 2], hold: 0.5}", "steps")],
+    [
+        ("{kind: zero}", "zero"),
+        ("{kind: steps, amplitude: [1, 2], hold: 0.5}", "steps"),
+        (
+            "{kind: s_curve, input: a, output: b, between: [1, -1], start: 0, move_time: 1, dwell: 0, "
+            "hold: {begin: 3, end: 5}, position_gain: 1, speed_gain: 2, cutoff: 3}",
+            "s_curve",
+        ),
+    ],
 )
 def test_other_motions(tmp_path, motion, kind):
     start = SIMULATED.index("{kind: multisine")

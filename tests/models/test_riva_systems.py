@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from noiseid_cli.errors import ModelError
 from noiseid_cli.models import Model, Parameter, Quantity
 from noiseid_cli.models.compile import compile_model
-from noiseid_cli.models.discretisation import transition, work_size
+from noiseid_cli.models.discretisation import transition, workspace
 from noiseid_cli.models.registry import load_model
 
 q1, q2, w1, w2, a1, a2 = sp.symbols("q1 q2 w1 w2 a1 a2")
@@ -134,7 +134,7 @@ def test_noise_is_added_once_per_sample_at_any_sample_time(name, dt):
     assert (compiled.nv, model.values["Ts"]) == (n, dt)
     x = np.random.default_rng(2).normal(size=n)
     x_next, F, G = np.empty(n), np.empty((n, n)), np.empty((n, n))
-    work = np.empty(work_size(n, n))
+    work = workspace(n, n)
     transition(compiled.scheme, compiled.drift_jacobian, x, np.ones(1), dt, compiled.parameters, x_next, F, G, work)
     np.testing.assert_allclose(G, np.eye(n), rtol=1e-15, atol=0)
     np.testing.assert_allclose(x_next, x + dt * drift(compiled, x, [1.0]), rtol=1e-15)

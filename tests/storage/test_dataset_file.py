@@ -41,13 +41,16 @@ def assert_same(one, other):
     for a, b in zip(one.recordings, other.recordings, strict=True):
         assert a.name == b.name
         assert np.float64(a.start).tobytes() == np.float64(b.start).tobytes()
-        for name in ("dt", "u", "y", "x_true", "z_true"):
+        for name in ("dt", "u", "y", "x_true", "z_true", "parameters_true"):
             assert same_bits(getattr(a, name), getattr(b, name)), name
+
+
+GROUPS = ("inputs", "outputs", "states", "performances", "parameters")
 
 
 @st.composite
 def datasets(draw):
-    sizes = {name: draw(st.integers(0, 3)) for name in ("inputs", "outputs", "states", "performances")}
+    sizes = {name: draw(st.integers(0, 3)) for name in GROUPS}
     columns = {
         name: tuple((f"{name}{k}", draw(texts), draw(texts)) for k in range(size)) for name, size in sizes.items()
     }
@@ -57,9 +60,10 @@ def datasets(draw):
         part = lambda *shape: draw(arrays(np.float64, shape, elements=any_float))  # noqa: E731
         x_true = part(n, sizes["states"]) if draw(st.booleans()) else None
         z_true = part(n, sizes["performances"]) if draw(st.booleans()) else None
+        p_true = part(n, sizes["parameters"]) if draw(st.booleans()) else None
         u, y = part(n, sizes["inputs"]), part(n, sizes["outputs"])
         start = draw(st.floats(-1e3, 1e3))
-        tests.append(Recording(f"{k}{draw(texts)}", part(n - 1), u, y, start, x_true, z_true))
+        tests.append(Recording(f"{k}{draw(texts)}", part(n - 1), u, y, start, x_true, z_true, p_true))
     Q = draw(st.none() | arrays(np.float64, (2, 2), elements=any_float))
     R = draw(st.none() | arrays(np.float64, (sizes["outputs"],) * 2, elements=any_float))
     if sizes["outputs"] == 0:
@@ -104,6 +108,31 @@ def test_compressed_arrays_and_attributes_come_back(tmp_path):
     assert_same(read_dataset(path), example())
     assert read_attributes(path).items() >= attributes.items()
     assert read_attributes(path)["format"] == hdf5.read_format(path) == "noiseid-dataset"
+
+
+def test_a_file_from_before_parameters_could_change_still_opens(tmp_path, monkeypatch):
+    path, write = tmp_path / "d.h5", dataset_file._fill_true_path
+    with monkeypatch.context() as old:
+        old.setattr(
+            dataset_file, "_fill_true_path", lambda t, name, *rest: None if name == "p" else write(t, name, *rest)
+        )
+        write_dataset(path, example(), {})
+    assert_same(read_dataset(path), example())
+
+
+def test_true_parameters_stand_in_the_file_with_their_names(tmp_path):
+    path = tmp_path / "d.h5"
+    columns = (("mu", "N m", "friction"), ("m", "kg", "mass"))
+    data = example()
+    tests = (replace(data.recordings[0], parameters_true=np.arange(1400.0).reshape(700, 2)), data.recordings[1])
+    write_dataset(path, replace(data, recordings=tests, parameters=columns), {})
+    with xarray.open_dataset(path, group="truth") as truth:
+        assert truth["p"].dims == ("test", "sample", "parameter")
+        assert list(truth["parameter"].values) == ["mu", "m"]
+        assert truth["p"].long_name == "true parameter"
+        assert truth["p"].values[0, 699].tolist() == [1398, 1399]
+    with pytest.raises(DataError, match=r"parameters_true of test 'long' has shape \(700, 2\)"):
+        write_dataset(path, replace(data, recordings=tests), {})
 
 
 def test_same_content_gives_same_bytes_in_another_process_too(tmp_path):
