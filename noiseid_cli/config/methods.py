@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from noiseid_cli.config.base import Base, Count, NotNegative, refuse
+from noiseid_cli.config.base import Base, Count, NotNegative, Positive, refuse
 from noiseid_cli.config.suggest import did_you_mean
 
 KINDS = {
@@ -41,9 +41,11 @@ class MethodOptions(Base):
 
 
 class EmOptions(MethodOptions):
-    """Expectation maximisation with an extended Kalman smoother."""
+    """Expectation maximisation with an extended, unscented or cubature Kalman smoother."""
 
-    summary: ClassVar[str] = "expectation maximisation with an extended Kalman smoother, accelerated by SQUAREM"
+    summary: ClassVar[str] = (
+        "expectation maximisation with an extended (or unscented, cubature) Kalman smoother, accelerated by SQUAREM"
+    )
     estimates: ClassVar[str] = "Q, R, m0, P0 (full, diagonal, blocks, scale, entries held)"
     citation: ClassVar[str] = (
         "P. Axelsson, U. Orguner, F. Gustafsson, M. Norrlof: ML estimation of process noise variance in dynamic "
@@ -54,9 +56,24 @@ class EmOptions(MethodOptions):
     method: Literal["em"] = Field(
         default="em", description="expectation maximisation; default: the label it stands under"
     )
+    smoother: Literal["extended", "unscented", "cubature"] = Field(
+        default="extended",
+        description="what smooths the states: by linearisation, or by sigma points, as are then the moments and the "
+        "reported likelihood",
+    )
+    alpha: Positive = Field(default=1.0, description="spread of the unscented points; with smoother unscented")
+    beta: NotNegative = Field(
+        default=2.0, description="weight of the central unscented point, 2 for normal noise; with smoother unscented"
+    )
+    kappa: float | None = Field(
+        default=None,
+        description="second spread of the unscented points; default: 3 minus the number of states; with smoother "
+        "unscented",
+    )
     linearisation: Literal["smoothed", "filtered"] = Field(
         default="smoothed",
-        description="states at which the M-step linearises: anew at the smoothed ones, or the filter's own",
+        description="states at which the M-step linearises: anew at the smoothed ones, or the filter's own; with "
+        "smoother extended",
     )
     acceleration: Literal["squarem", "none"] = Field(
         default="squarem", description="extrapolation between passes; none is the algorithm as published"
@@ -77,6 +94,15 @@ class EmOptions(MethodOptions):
     fall_tolerance: NotNegative = Field(
         default=1e-3, description="fall of the log-likelihood that the acceleration still accepts, nats"
     )
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        for name in ("alpha", "beta", "kappa"):
+            if self.smoother != "unscented" and getattr(self, name) != EmOptions.model_fields[name].default:
+                refuse(f"goes with smoother unscented, not {self.smoother}", at=[name])
+        if self.smoother != "extended" and self.linearisation != "smoothed":
+            refuse(f"goes with smoother extended: the {self.smoother} one does not linearise", at=["linearisation"])
+        return self
 
 
 class Alg2Options(MethodOptions):

@@ -24,6 +24,7 @@ class Evaluation:
             unit; None where no true one is known.
         path_error_norm: its 2-norm over time; NaN where no true one is known.
         nis_time: (samples of all tests,) normalised innovation squared per measurement, NaN where nothing was measured.
+        filter: the Kalman filter that was run: ``extended``, ``unscented`` or ``cubature``.
     """
 
     label: str
@@ -37,3 +38,4 @@ class Evaluation:
     path_error: Array | None
     path_error_norm: float
     nis_time: Array
+    filter: str = "extended"

@@ -14,8 +14,13 @@ import numpy as np
 from noiseid_cli.errors import EstimationError
 from noiseid_cli.estimators.measurement_moment import FILTERED, LINEARISATIONS, SMOOTHED, measurement
 from noiseid_cli.estimators.process_moment import process_filtered, process_smoothed
+from noiseid_cli.estimators.sigma_moments import measurement_sigma, process_sigma
 from noiseid_cli.filters.ekf import extended_kalman_filter
 from noiseid_cli.filters.linalg import upper_factor
+from noiseid_cli.filters.sigma_filter import sigma_point_filter
+from noiseid_cli.filters.sigma_points import SigmaWeights
+from noiseid_cli.filters.sigma_rows import pair_centre
+from noiseid_cli.filters.sigma_smoother import sigma_point_smoother
 from noiseid_cli.filters.smoother import extended_kalman_smoother
 from noiseid_cli.models.compiled import CompiledModel
 from noiseid_cli.models.noise import NoiseValues
@@ -66,6 +71,7 @@ def e_step(
     noise: NoiseValues,
     linearisation: int = SMOOTHED,
     block_of: np.ndarray[tuple[int], np.dtype[np.int64]] | None = None,
+    weights: SigmaWeights | None = None,
 ) -> Statistics:
     """One pass: filter, smooth, and accumulate over all tests (axelsson2011_poster, E-step; METHODS 2).
 
@@ -75,38 +81,104 @@ def e_step(
             the filter's own linearisation, under which the statistics are those of the likelihood that it reports.
         block_of: (ny,) block of each output; a block of R is completed or left out as one where outputs are missing.
             Without it the measurement statistics are not gathered.
+        weights: those of a sigma-point filter and smoother, under whose smoothed distribution the moments are then
+            taken, see ``sigma_moments``; ``linearisation`` is not read. Without them the extended ones.
 
     Raises:
+        EstimationError: the columns of F2 are linearly dependent somewhere.
         FilterDivergedError: the filter failed; with test and sample.
     """
-    nx, nv, ny = model.nx, model.nv, model.ny
-    U_v, U_e, samples = np.zeros((nv, nv)), np.zeros((ny, ny)), np.zeros(ny)
-    m_first, U_first = np.empty((len(recordings), nx)), np.empty((len(recordings), nx, nx))
-    loglik, singular, steps = 0.0, 0, 0
+    gather = _Gather.empty(model, len(recordings))
     UR = upper_factor(noise.R, "the measurement noise covariance R")
     for i, recording in enumerate(recordings):
-        filtered = extended_kalman_filter(model, recording, noise, i)
-        smoothed = extended_kalman_smoother(filtered, noise.Q)
-        loglik += filtered.loglik
-        singular += smoothed.singular
-        steps += recording.samples - 1
-        m_first[i], U_first[i] = smoothed.m[0], smoothed.U[0]
-        dt, u, y = (np.ascontiguousarray(a) for a in (recording.dt, recording.u, recording.y))
-        if linearisation == FILTERED:
-            process_filtered(filtered.m_pred, smoothed.m, smoothed.U, smoothed.gain, smoothed.C, U_v)
+        if weights is None:
+            _extended(gather, model, recording, noise, UR, i, linearisation, block_of)
         else:
-            dependent = process_smoothed(
-                model.scheme, model.drift_jacobian, model.parameters, dt, u,
-                smoothed.m, smoothed.U, smoothed.gain, smoothed.C, U_v,
-            )  # fmt: skip
-            if dependent >= 0:
-                raise EstimationError(
-                    f"test {recording.name!r}, sample {dependent + 1}: the columns of the noise gain F2 are linearly "
-                    "dependent, so that the data cannot tell the process noises apart; drop one of them"
-                )
-        if block_of is not None:
-            measurement(
-                model.output_jacobian, model.parameters, u, y, filtered.m_pred, filtered.H, filtered.innovation,
-                smoothed.m, smoothed.U, UR, block_of, linearisation, U_e, samples,
-            )  # fmt: skip
-    return Statistics(loglik, U_v, steps, U_e, samples, m_first, U_first, singular)
+            _sigma_points(gather, model, recording, noise, UR, i, weights, block_of)
+    g = gather
+    return Statistics(g.loglik, g.U_v, g.steps, g.U_e, g.samples, g.m_first, g.U_first, g.singular)
+
+
+@dataclass
+class _Gather:
+    """The sums of ``Statistics`` while they grow."""
+
+    U_v: Array
+    U_e: Array
+    samples: Array
+    m_first: Array
+    U_first: Array
+    loglik: float = 0.0
+    steps: int = 0
+    singular: int = 0
+
+    @classmethod
+    def empty(cls, model: CompiledModel, tests: int) -> _Gather:
+        nx, nv, ny = model.nx, model.nv, model.ny
+        return cls(
+            np.zeros((nv, nv)), np.zeros((ny, ny)), np.zeros(ny), np.empty((tests, nx)), np.empty((tests, nx, nx))
+        )
+
+    def add(self, test: int, loglik: float, singular: int, m: Array, U: Array) -> None:
+        self.loglik += loglik
+        self.singular += singular
+        self.steps += len(m) - 1
+        self.m_first[test], self.U_first[test] = m[0], U[0]
+
+
+Blocks = np.ndarray[tuple[int], np.dtype[np.int64]]
+
+
+def _extended(
+    gather: _Gather, model: CompiledModel, recording: Recording, noise: NoiseValues, UR: Array, test: int,
+    linearisation: int, block_of: Blocks | None,
+) -> None:  # fmt: skip
+    """Add one test, by the extended Kalman smoother."""
+    filtered = extended_kalman_filter(model, recording, noise, test)
+    smoothed = extended_kalman_smoother(filtered, noise.Q)
+    gather.add(test, filtered.loglik, smoothed.singular, smoothed.m, smoothed.U)
+    dt, u, y = (np.ascontiguousarray(a) for a in (recording.dt, recording.u, recording.y))
+    if linearisation == FILTERED:
+        process_filtered(filtered.m_pred, smoothed.m, smoothed.U, smoothed.gain, smoothed.C, gather.U_v)
+    else:
+        dependent = process_smoothed(
+            model.scheme, model.drift_jacobian, model.parameters, dt, u,
+            smoothed.m, smoothed.U, smoothed.gain, smoothed.C, gather.U_v,
+        )  # fmt: skip
+        _refuse_dependent(recording, dependent)
+    if block_of is not None:
+        measurement(
+            model.output_jacobian, model.parameters, u, y, filtered.m_pred, filtered.H, filtered.innovation,
+            smoothed.m, smoothed.U, UR, block_of, linearisation, gather.U_e, gather.samples,
+        )  # fmt: skip
+
+
+def _sigma_points(
+    gather: _Gather, model: CompiledModel, recording: Recording, noise: NoiseValues, UR: Array, test: int,
+    weights: SigmaWeights, block_of: Blocks | None,
+) -> None:  # fmt: skip
+    """Add one test, by the sigma-point smoother."""
+    filtered = sigma_point_filter(model, recording, noise, weights, test)
+    smoothed = sigma_point_smoother(filtered)
+    gather.add(test, filtered.loglik, filtered.singular, smoothed.m, smoothed.U)
+    centre = pair_centre(weights, model.nx)
+    dt, u, y = (np.ascontiguousarray(a) for a in (recording.dt, recording.u, recording.y))
+    dependent = process_sigma(
+        model.scheme, model.drift_jacobian, model.parameters, dt, u, weights.eta, centre,
+        smoothed.m, smoothed.U, smoothed.T, smoothed.V, gather.U_v,
+    )  # fmt: skip
+    _refuse_dependent(recording, dependent)
+    if block_of is not None:
+        measurement_sigma(
+            model.output, model.parameters, u, y, weights.eta, centre, smoothed.m, smoothed.U, UR, block_of,
+            gather.U_e, gather.samples,
+        )  # fmt: skip
+
+
+def _refuse_dependent(recording: Recording, sample: int) -> None:
+    """Raise the error for a noise gain without full column rank at this sample, from 0; -1 for none."""
+    if sample >= 0:
+        raise EstimationError(
+            f"test {recording.name!r}, sample {sample + 1}: the columns of the noise gain F2 are linearly "
+            "dependent, so that the data cannot tell the process noises apart; drop one of them"
+        )

@@ -12,7 +12,9 @@ from dataclasses import replace
 import numpy as np
 
 from noiseid_cli.estimators.unknowns import Unknowns
-from noiseid_cli.filters.ekf import FilterDivergedError, extended_kalman_filter
+from noiseid_cli.filters.ekf import FilterDivergedError
+from noiseid_cli.filters.gaussian import gaussian_filter
+from noiseid_cli.filters.sigma_points import SigmaWeights
 from noiseid_cli.models.compiled import CompiledModel
 from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.models.recording import Recording
@@ -24,7 +26,12 @@ STEP, STEPS = 100.0, 300
 
 
 def false_end(
-    model: CompiledModel, recordings: Sequence[Recording], unknowns: Unknowns, noise: NoiseValues, loglik: float
+    model: CompiledModel,
+    recordings: Sequence[Recording],
+    unknowns: Unknowns,
+    noise: NoiseValues,
+    loglik: float,
+    weights: SigmaWeights | None = None,
 ) -> str:
     """Name of an unknown covariance that is too small by powers of ten; empty if none is.
 
@@ -35,6 +42,7 @@ def false_end(
         model, recordings, unknowns: the problem.
         noise: the end of a search.
         loglik: its log-likelihood.
+        weights: of the sigma-point filter that it is of; None for the extended one.
     """
     for field, structure in (("Q", unknowns.Q), ("R", unknowns.R)):
         if structure is None:
@@ -45,7 +53,7 @@ def false_end(
             if not np.all(np.isfinite(getattr(raised, field))):
                 break
             try:
-                found = sum(extended_kalman_filter(model, r, raised, i).loglik for i, r in enumerate(recordings))
+                found = sum(gaussian_filter(model, r, raised, i, weights).loglik for i, r in enumerate(recordings))
             except FilterDivergedError:
                 break
             if found > loglik + EVIDENCE:

@@ -68,6 +68,37 @@ def _complete(UR, block, seen, E, rows, W, w):  # type: ignore[no-untyped-def]
     return rows
 
 
+@routine
+def absorb_sample(E, rows, seen, UR, block_of, block, U_e, samples, W, w):  # type: ignore[no-untyped-def]
+    """Complete E block by block and absorb its rows into U_e; a block without a measured output is left out.
+
+    Args:
+        E: (>= rows + ny, ny), factor rows of the errors of one sample, zero where an output is missing; overwritten.
+        seen: (ny,) which outputs were measured; UR: (ny, ny) factor of R; block_of: (ny,) block of each output.
+        block, W, w: scratch (ny,), (>= rows + 2 ny, ny), (ny,).
+        U_e, samples: updated, see ``Statistics``.
+    """
+    ny = UR.shape[0]
+    for b in range(ny):
+        size = 0
+        count = 0
+        for i in range(ny):
+            if block_of[i] == b:
+                block[size] = i
+                size += 1
+                count += 1 if seen[i] else 0
+        if count == 0:
+            continue
+        for i in block[:size]:
+            samples[i] += 1.0
+        if count < size:
+            rows = _complete(UR, block[:size], seen, E, rows, W, w)
+    for r in range(rows):
+        for i in range(ny):
+            W[ny + r, i] = E[r, i]
+    absorb(U_e, rows, W, w)
+
+
 @kernel(
     types.void(
         OutputJacobian, vector, matrix, matrix, matrix, cube, matrix, matrix, cube, matrix,
@@ -108,22 +139,4 @@ def measurement(  # type: ignore[no-untyped-def]
             E[n, i] = y[k, i] - y_hat[i] if seen[i] else 0.0
         if not any_seen:
             continue
-        rows = n + 1
-        for b in range(ny):
-            size = 0
-            count = 0
-            for i in range(ny):
-                if block_of[i] == b:
-                    block[size] = i
-                    size += 1
-                    count += 1 if seen[i] else 0
-            if count == 0:
-                continue
-            for i in block[:size]:
-                samples[i] += 1.0
-            if count < size:
-                rows = _complete(UR, block[:size], seen, E, rows, W, w)
-        for r in range(rows):
-            for i in range(ny):
-                W[ny + r, i] = E[r, i]
-        absorb(U_e, rows, W, w)
+        absorb_sample(E, n + 1, seen, UR, block_of, block, U_e, samples, W, w)

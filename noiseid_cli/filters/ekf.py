@@ -171,8 +171,31 @@ def update(m, U, H, innovation, UR, m_out, U_out, W, w, e):  # type: ignore[no-u
             W[r, q + c] = 0.0
         for r in range(n):
             W[ny + r, q + c] = U[r, c]
-    if q > 0:
-        triangularise(W, ny + n, q + n, q + n, w)
+    if q == 0:
+        for c in range(n):
+            m_out[c] = m[c]
+            for r in range(n):
+                U_out[r, c] = U[r, c] if r <= c else 0.0
+        return 0.0
+    return condition(W, ny + n, q, m, e, m_out, U_out, w)
+
+
+@routine
+def condition(W, rows, q, m, e, m_out, U_out, w):  # type: ignore[no-untyped-def]
+    """Mean and factor of x given y from rows of the joint factor of (y, x), by one triangularisation.
+
+    Args:
+        W: (>= rows, >= q + n), factor rows of the q observed outputs and of the state; overwritten.
+        rows, q: the part of W in use.
+        m: (n,) predicted mean; e: (>= q,) innovations, overwritten by the whitened ones.
+        m_out, U_out: outputs (n,), (n, n).
+        w: scratch (>= q + n,).
+
+    Returns:
+        The log-likelihood of the innovations, NaN if their covariance is singular.
+    """
+    n = m.shape[0]
+    triangularise(W, rows, q + n, q + n, w)
     loglik = -0.5 * q * LOG_2PI
     for i in range(q):
         for j in range(i):
@@ -181,13 +204,12 @@ def update(m, U, H, innovation, UR, m_out, U_out, W, w, e):  # type: ignore[no-u
             return math.nan
         e[i] /= W[i, i]
         loglik -= 0.5 * e[i] * e[i] + math.log(W[i, i])
-    offset = q if q > 0 else ny
     for c in range(n):
         m_out[c] = m[c]
         for i in range(q):
             m_out[c] += W[i, q + c] * e[i]
         for r in range(n):
-            U_out[r, c] = W[offset + r, q + c] if r <= c else 0.0
+            U_out[r, c] = W[q + r, q + c] if r <= c else 0.0
     return loglik
 
 

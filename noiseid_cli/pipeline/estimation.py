@@ -14,7 +14,7 @@ from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.outcome import UnitResult
 from noiseid_cli.pipeline.context import Context
 from noiseid_cli.pipeline.datasets import file_attributes
-from noiseid_cli.pipeline.methods import Task, run_method
+from noiseid_cli.pipeline.methods import Task, filter_of, run_method
 from noiseid_cli.pipeline.noise_unit import conversion_interval, noise_names
 from noiseid_cli.pipeline.problem import pose, pose_parameters
 from noiseid_cli.pipeline.units import EstimateUnit
@@ -60,7 +60,7 @@ def make_estimate(context: Context, unit: EstimateUnit, progress: Progress | Non
         start_label=unit.start.label,
         replicate=unit.dataset.replicate,
         estimate=estimate,
-        evaluations=_evaluate(context, dataset, candidates),
+        evaluations=_evaluate(context, dataset, candidates, unit.options),
         noise_names=noise_names(context.model, context.density),
         output_names=dataset.outputs,
         state_names=dataset.states,
@@ -69,7 +69,7 @@ def make_estimate(context: Context, unit: EstimateUnit, progress: Progress | Non
         R_true=dataset.R_true,
         seconds=time.perf_counter() - began,
         seed=context.experiment.seed,
-        held_out={} if held_out is None else _score(context, held_out, candidates),
+        held_out={} if held_out is None else _score(context, held_out, candidates, unit.options),
         held_out_tests=0 if held_out is None else len(held_out.recordings),
         parameters_true=_true_parameters(context, dataset, estimate),
         density=context.density,
@@ -130,23 +130,29 @@ def _true_parameters(context: Context, dataset: Dataset, estimate: Estimate) -> 
     return np.array([values.get(name, np.nan) for name, _, _ in estimate.parameters.names])
 
 
-def _evaluate(context: Context, dataset: Dataset, candidates: dict[str, NoiseValues]) -> dict[str, Evaluation]:
-    """The filter with each of the values against the data; those with which it fails are left out."""
+def _evaluate(
+    context: Context, dataset: Dataset, candidates: dict[str, NoiseValues], options: MethodOptions
+) -> dict[str, Evaluation]:
+    """The method's own filter with each of the values against the data; those with which it fails are left out."""
     from noiseid_cli.diagnostics.evaluate import evaluate
     from noiseid_cli.filters.ekf import FilterDivergedError
 
+    own, weights = filter_of(options, context.compiled.nx)
     out = {}
     for label, noise in candidates.items():
         try:
-            out[label] = evaluate(context.compiled, dataset.recordings, noise, label)
+            out[label] = evaluate(context.compiled, dataset.recordings, noise, label, own, weights)
         except FilterDivergedError:
             continue
     return out
 
 
-def _score(context: Context, held_out: Dataset, candidates: dict[str, NoiseValues]) -> dict[str, Evaluation]:
+def _score(
+    context: Context, held_out: Dataset, candidates: dict[str, NoiseValues], options: MethodOptions
+) -> dict[str, Evaluation]:
     """The same on tests that no method has seen, which have first states of their own."""
     section = context.experiment.estimate
     assert section is not None
     m0 = pose(section, held_out, context.compiled)[0].m0
-    return _evaluate(context, held_out, {label: replace(noise, m0=m0) for label, noise in candidates.items()})
+    moved = {label: replace(noise, m0=m0) for label, noise in candidates.items()}
+    return _evaluate(context, held_out, moved, options)

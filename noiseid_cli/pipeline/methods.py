@@ -6,11 +6,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from noiseid_cli.config.methods import EmOptions, MethodOptions
 from noiseid_cli.errors import EstimationError
 
 if TYPE_CHECKING:
     from noiseid_cli.estimators.estimate import Estimate, Progress
     from noiseid_cli.estimators.unknowns import ParameterUnknowns, Unknowns
+    from noiseid_cli.filters.sigma_points import SigmaWeights
     from noiseid_cli.models.compiled import CompiledModel
     from noiseid_cli.models.equations import Model
     from noiseid_cli.models.noise import NoiseValues
@@ -50,6 +52,16 @@ def run_method(name: str, task: Task) -> Estimate:
     """
     _refuse_what_it_cannot(name, task)
     return _METHODS[name](task)
+
+
+def filter_of(options: MethodOptions, nx: int) -> tuple[str, SigmaWeights | None]:
+    """The Kalman filter that a method's estimate is of: its name, and its sigma points for nx states if it has any."""
+    from noiseid_cli.estimators import em
+
+    if not isinstance(options, EmOptions):
+        return "extended", None
+    own = em.EmOptions(**options.model_dump(exclude={"method", "structure"}))
+    return own.smoother, own.weights(nx)
 
 
 def _refuse_what_it_cannot(name: str, task: Task) -> None:

@@ -43,6 +43,10 @@ def consistency_table(study: Study) -> Table:
         "over-confident one. Ljung-Box p: small for innovations that are not white. Excess kurtosis: 0 for "
         "Gaussian innovations, positive for heavy tails."
     )
+    filters = {r.method_label: found.filter for r in units if (found := evaluation(r, "estimate")) is not None}
+    if set(filters.values()) - {"extended"}:
+        caption += f" Filter: {'; '.join(f'{name} for {label}' for label, name in filters.items())}."
+        caption += " Log-likelihoods of different filters are different approximations."
     if len(units) < len(study.results):
         caption += f" Best unit of each method only; all {len(study.results)} are in results.csv."
     return Table("consistency", "Innovations per output", caption, tuple(columns), tuple(rows), keys=2)

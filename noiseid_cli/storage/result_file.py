@@ -192,6 +192,7 @@ def _fill_evaluation(parent: h5py.Group, label: str, evaluation: Evaluation) -> 
         raise DataError(f"An evaluation cannot be labelled {label!r}: a label is letters, digits and underscores.")
     group = parent.create_group(label)
     group.attrs["label"] = evaluation.label
+    group.attrs["filter"] = evaluation.filter
     add_index(group, "lag", len(evaluation.autocorrelation), "lag in samples", first=1)
     add_index(group, "sample", len(evaluation.nis_time), "number of the sample, all tests one after the other")
     group.attrs["path_known"] = int(evaluation.path_error is not None)
@@ -264,6 +265,7 @@ def _evaluation(group: h5py.Group, sizes: dict[str, int]) -> Evaluation:
     }  # fmt: skip
     return Evaluation(
         label=str(group.attrs["label"]),
+        filter=str(group.attrs.get("filter", "extended")),
         loglik=float(group["loglik"][()]),
         observed=int(group["observed"][()]),
         nis=float(group["nis"][()]),

@@ -114,6 +114,10 @@ def test_every_option_of_a_simulation(tmp_path):
     assert estimate.methods["slow"].model_dump() == {
         "method": "em",
         "structure": "diagonal",
+        "smoother": "extended",
+        "alpha": 1.0,
+        "beta": 2.0,
+        "kappa": None,
         "linearisation": "filtered",
         "acceleration": "none",
         "max_passes": 7,

@@ -1,0 +1,88 @@
+"""The sigma-point (Rauch-Tung-Striebel) smoother in square-root array form (Sarkka 2008, IEEE TAC 53:3).
+
+Backward over the gains and factors that the filter's time updates left: nothing is subtracted and no point is drawn.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import types
+
+from noiseid_cli.filters.ekf import cube
+from noiseid_cli.filters.linalg import triangularise
+from noiseid_cli.filters.sigma_filter import SigmaFiltered
+from noiseid_cli.models.jit import kernel
+from noiseid_cli.models.recording import Array
+from noiseid_cli.models.signatures import matrix
+
+
+@dataclass(frozen=True)
+class SigmaSmoothed:
+    """What the smoother gives for one test, given all outputs of the test.
+
+    Attributes:
+        m: (N, nx) smoothed means.
+        U: (N, nx, nx) upper factors of the smoothed covariances, P = U'U.
+        T: (N-1, nx, nx) rows of x_{k+1} that go with the rows U[k] of x_k, and V: (N-1, nx, nx) upper factor of
+            Cov(x_{k+1} | x_k, all y): [U[k] T[k]; 0 V[k]] is a factor of the joint of x_k and x_{k+1}.
+    """
+
+    m: Array
+    U: Array
+    T: Array
+    V: Array
+
+    @property
+    def P(self) -> Array:
+        """(N, nx, nx) smoothed covariances."""
+        return self.U.transpose(0, 2, 1) @ self.U
+
+    @property
+    def lag_one(self) -> Array:
+        """(N-1, nx, nx) Cov(x_{k+1}, x_k | all y): rows belong to the later sample."""
+        return self.T.transpose(0, 2, 1) @ self.U[:-1]
+
+
+def sigma_point_smoother(filtered: SigmaFiltered) -> SigmaSmoothed:
+    """Smooth one test.
+
+    Args:
+        filtered: the filter's results.
+    """
+    f = filtered
+    N, n = f.m_filt.shape
+    m, U, T, V = np.empty((N, n)), np.empty((N, n, n)), np.empty((N - 1, n, n)), np.empty((N - 1, n, n))
+    _smooth(f.m_pred, f.m_filt, f.U_filt, f.gain, f.C, m, U, T, V)
+    return SigmaSmoothed(m, U, T, V)
+
+
+@kernel(types.void(matrix, matrix, cube, cube, cube, matrix, cube, cube, cube))
+def _smooth(m_pred, m_filt, U_filt, gain, C, m, U, T, V):  # type: ignore[no-untyped-def]
+    """Run the smoother; m, U, T and V are written."""
+    N, n = m_filt.shape
+    W, w = np.empty((2 * n, 2 * n)), np.empty(2 * n)
+    m[N - 1] = m_filt[N - 1]
+    U[N - 1] = U_filt[N - 1]
+    for k in range(N - 2, -1, -1):
+        for i in range(n):
+            m[k, i] = m_filt[k, i]
+            for j in range(n):
+                m[k, i] += gain[k, i, j] * (m[k + 1, j] - m_pred[k + 1, j])
+        # [U_{k+1} gain', U_{k+1}; C, 0] is a factor of (x_k, x_{k+1}); bring it to triangular form.
+        for r in range(n):
+            for c in range(n):
+                total = 0.0
+                for j in range(r, n):
+                    total += U[k + 1, r, j] * gain[k, c, j]
+                W[r, c] = total
+                W[r, n + c] = U[k + 1, r, c]
+                W[n + r, c] = C[k, r, c]
+                W[n + r, n + c] = 0.0
+        triangularise(W, 2 * n, 2 * n, 2 * n, w)
+        for r in range(n):
+            for c in range(n):
+                U[k, r, c] = W[r, c]
+                T[k, r, c] = W[r, n + c]
+                V[k, r, c] = W[n + r, n + c]
