@@ -19,6 +19,7 @@ from noiseid_cli.commands import (  # noqa: E402
     cite,
     env,
     estimate,
+    export,
     import_,
     init,
     inspect,
@@ -47,6 +48,7 @@ app.command()(simulate.simulate)
 app.command("import")(import_.import_)
 app.command()(estimate.estimate)
 app.command()(report.report)
+app.command()(export.export)
 app.command()(status.status)
 app.command()(check.check)
 app.command()(init.init)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -75,8 +76,29 @@ def make_estimate(context: Context, unit: EstimateUnit, progress: Progress | Non
         density=context.density,
         interval=conversion_interval(dataset, context.model, context.density),
     )
-    write_result(unit.path, result, file_attributes(context, unit.key))
+    write_result(unit.path, result, file_attributes(context, unit.key) | _basis(context, dataset))
     return result
+
+
+def _basis(context: Context, dataset: Dataset) -> dict[str, str]:
+    """What the estimate holds for: the model with its parameter values, and the intervals between samples, s."""
+    model = context.model
+    dt = np.concatenate([recording.dt for recording in dataset.recordings])
+    return {
+        "model": json.dumps(
+            {
+                "name": model.name,
+                "discretisation": model.discretisation,
+                "parameters": [{"name": p.name, "value": p.value, "unit": p.unit} for p in model.parameters_in_force],
+            },
+            ensure_ascii=False,
+        ),
+        "sample_time": json.dumps(
+            {"median": float(np.median(dt)), "shortest": float(dt.min()), "longest": float(dt.max()), "unit": "s"}
+            if len(dt)
+            else {"median": None, "shortest": None, "longest": None, "unit": "s"}
+        ),
+    }
 
 
 def _read(context: Context, path: Path) -> Dataset:
