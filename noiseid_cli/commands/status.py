@@ -25,7 +25,7 @@ def status(
     out: Out = RUNS,
     json: Json = False,
 ) -> None:
-    """Show which units are done, which failed and why, which did not converge, which are missing.
+    """Show which units are done, failed or missing, and why.
 
     Only looks: it may be called while a run is at work. `noiseid run` makes what is missing and tries again what
     failed; `--force` does again what did not converge. Leaves with 4 if a unit failed or did not converge.
