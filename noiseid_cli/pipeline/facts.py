@@ -47,7 +47,16 @@ def dataset_facts(context: Context, dataset: Dataset) -> DatasetFacts:
         notes=dataset.notes,
         times=tuple(r.time for r in dataset.recordings),
         performance_unit=units.pop() if len(units) == 1 else "",
+        held=_held(context),
     )
+
+
+def _held(context: Context) -> tuple[float, float] | None:
+    """The rest that the motion of a simulation asks for, s."""
+    simulated = context.experiment.simulate
+    if simulated is None or simulated.trajectory.kind != "s_curve" or simulated.trajectory.hold is None:
+        return None
+    return simulated.trajectory.hold.begin, simulated.trajectory.hold.end
 
 
 def published_facts(context: Context) -> tuple[list[PublishedFacts], list[str]]:

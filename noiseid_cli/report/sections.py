@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 from noiseid_cli.diagnostics.misfit import misfit_sentences
 from noiseid_cli.outcome import UnitResult
-from noiseid_cli.report import agreement, build, comparison, facts, published
+from noiseid_cli.report import agreement, build, comparison, facts, published, tracking
 from noiseid_cli.report.figure_style import Plot
 from noiseid_cli.report.figures import convergence_plot, std_plots
+from noiseid_cli.report.figures_online import online_plots
 from noiseid_cli.report.figures_time import autocorrelation_plot, nis_plot, path_error_plot
 from noiseid_cli.report.noise_units import noise_units_table
 from noiseid_cli.report.reading import best, converged, evaluation, group, remark
@@ -58,6 +59,7 @@ def sections(study: Study) -> list[Section]:
         Section("deviations", "Which standard deviations?", _deviations(study)),
         Section("starts", "Do the starts agree?", _starts(study)),
         Section("methods", "How do the methods compare?", _comparison(study)),
+        Section("online", "How did the estimates move over time?", _online(study)),
         Section("published", "How does this compare with what is published?", _published(study)),
         Section("path", "How was the estimate reached?", _path(study)),
         Section("agreement", "Does the filter agree with the data?", _agreement(study)),
@@ -162,6 +164,13 @@ def _comparison(study: Study) -> tuple[Block, ...]:
     scores = comparison.score_table(study) if several else None
     plots = [comparison.best_paths_plot(study), *comparison.start_paths_plots(study)] if several else []
     return tuple(block for block in (scores, comparison.recovery_table(study), *plots) if block)
+
+
+def _online(study: Study) -> tuple[Block, ...]:
+    tables = (tracking.tracking_table(study), tracking.hold_table(study))
+    found = tracking.tracking_sentences(study)
+    blocks: list[Block] = [Bullets(tuple(found))] if found else []
+    return (*blocks, *(table for table in tables if table), *online_plots(study))
 
 
 def _published(study: Study) -> tuple[Block, ...]:

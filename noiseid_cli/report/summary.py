@@ -21,6 +21,7 @@ from noiseid_cli.report.noise_units import noise_units_table
 from noiseid_cli.report.published import published_tables
 from noiseid_cli.report.study import Study
 from noiseid_cli.report.tables import Table
+from noiseid_cli.report.tracking import hold_table, tracking_table
 
 
 def terminal_tables(study: Study) -> list[Table]:
@@ -45,6 +46,7 @@ def terminal_tables(study: Study) -> list[Table]:
         tables.append(std_summary_table(study, "R") if many else _std(study, "R"))
     if not many and all(r.Q_true is None for r in study.results):
         tables.append(consistency_table(study))
+    tables += [tracking_table(study), hold_table(study)]
     tables += [starts_table(study)] if start_groups(study) else []
     return [table for table in (*tables, *published_tables(study)) if table is not None]
 

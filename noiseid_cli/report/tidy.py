@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import numpy as np
+
 from noiseid_cli.diagnostics.evaluation import Evaluation
 from noiseid_cli.models.recording import Array
 from noiseid_cli.outcome import UnitResult
+from noiseid_cli.report.over_time import over_time, track, tracked_names
 from noiseid_cli.report.reading import (
     PLACES,
     At,
@@ -20,6 +23,7 @@ from noiseid_cli.report.reading import (
 )
 from noiseid_cli.report.study import Study
 from noiseid_cli.report.tables import Cell, Column, Missing, Table, number
+from noiseid_cli.report.tracking import late_errors
 
 HEADINGS = (
     "unit", "dataset", "method", "start", "start_label", "replicate", "status",
@@ -57,6 +61,7 @@ def _rows(result: UnitResult, study: Study) -> Iterator[Row]:
     yield "", "estimation_seconds", "", result.estimate.seconds, "s"
     yield "", "seed", "", result.seed, ""
     yield from _parameter_rows(result)
+    yield from _tracking_rows(result)
     for at in PLACES:
         yield from _covariance_rows(result, at)
         found = result.evaluations.get(at)
@@ -66,6 +71,16 @@ def _rows(result: UnitResult, study: Study) -> Iterator[Row]:
             yield at, "loglik", "", loglik(result, at), ""
     for label, found in result.held_out.items():
         yield from _evaluation_rows(result, f"held_out_{label}", found, study.path_unit())
+
+
+def _tracking_rows(result: UnitResult) -> Iterator[Row]:
+    """Errors of unknowns that move over time, relative to the truth, over the last part of the time."""
+    for name in tracked_names([result]) if over_time(result) else ():
+        found = track(result, name)
+        if found is not None:
+            error = late_errors(found)
+            yield "estimate", "tracking_bias", name, float(np.mean(error)), ""
+            yield "estimate", "tracking_rmse", name, float(np.mean(error**2)) ** 0.5, ""
 
 
 def _parameter_rows(result: UnitResult) -> Iterator[Row]:
