@@ -6,13 +6,43 @@ from typing import Annotated, Any, Literal, Self, get_args
 
 from pydantic import ConfigDict, Field, Strict, field_validator, model_validator
 
-from noiseid_cli.config.base import Base, Label, Text, WholeFrom0, refuse
+from noiseid_cli.config.base import Base, Label, Names, Positive, Text, WholeFrom0, refuse
 from noiseid_cli.config.schema_estimate import Estimate
 from noiseid_cli.config.schema_import import Import
 from noiseid_cli.config.schema_simulate import Simulate
 
 Format = Literal["html", "md", "csv", "tex", "svg", "png"]
 FORMATS: tuple[Format, ...] = get_args(Format)
+
+
+class MarkovNoise(Base):
+    """First-order Markov processes (coloured noise) in the place of white process noises."""
+
+    on: Names = Field(description="process noises of the model that become Markov processes")
+    time_constant: Positive | dict[Text, Positive] = Field(
+        description="time constant, s: one for all, or {noise: s}; each is a parameter tau_<noise> of the model"
+    )
+    keep_white: bool = Field(default=False, description="keep the white noise beside the process")
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        for i, name in enumerate(self.on):
+            if name in self.on[:i]:
+                refuse(f"{name} is in the list twice", at=["on", i])
+        if isinstance(self.time_constant, dict):
+            for name in self.time_constant:
+                if name not in self.on:
+                    refuse(f"{name} is not in the list `on`", at=["time_constant", name])
+            for name in self.on:
+                if name not in self.time_constant:
+                    refuse(f"{name} is missing: what is its time constant?", at=["time_constant"])
+        return self
+
+    @property
+    def time_constants(self) -> dict[str, float]:
+        """Time constant, s, of each noise."""
+        tau = self.time_constant
+        return {name: tau[name] if isinstance(tau, dict) else tau for name in self.on}
 
 
 class ModelChoice(Base):
@@ -35,6 +65,11 @@ class ModelChoice(Base):
         default=None,
         description="how the equations become steps; exact, by the matrix exponential, is for linear ones only; "
         "default: the model's own",
+    )
+    markov_noise: MarkovNoise | None = Field(
+        default=None,
+        description="coloured noise: a state xi_<noise> with xi' = -xi/tau + w takes the place of each named noise, "
+        "and w_<noise> is the process noise",
     )
 
     @model_validator(mode="after")

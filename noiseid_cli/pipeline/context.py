@@ -14,7 +14,7 @@ from noiseid_cli.config.load import LoadedExperiment, load_experiment
 from noiseid_cli.errors import ConfigError
 
 if TYPE_CHECKING:
-    from noiseid_cli.config.schema import Experiment
+    from noiseid_cli.config.schema import Experiment, MarkovNoise
     from noiseid_cli.models.compiled import CompiledModel
     from noiseid_cli.models.equations import Model
 
@@ -66,7 +66,26 @@ class Context:
             model.discretisation = choice.discretisation  # type: ignore[misc]
         if self.experiment.simulate is not None and self.experiment.simulate.sample_time is not None:
             model.set_sample_time(self.experiment.simulate.sample_time)
-        return model
+        return model if choice.markov_noise is None else self._coloured(model, choice.markov_noise)
+
+    def _coloured(self, model: Model, markov: MarkovNoise) -> Model:
+        """The model with Markov processes among its noises.
+
+        Raises:
+            ConfigError: a noise is named that the model does not have.
+        """
+        from noiseid_cli.models.coloured import with_markov_noise
+        from noiseid_cli.models.declarations import unknown_name
+
+        names = [q.name for q in model.noises]
+        problems = [
+            self.loaded.problem(("model", "markov_noise", "on", i), unknown_name(f"process noise {name}", name, names))
+            for i, name in enumerate(markov.on)
+            if name not in names
+        ]
+        if problems:
+            raise ConfigError(str(self.loaded.file), problems)
+        return with_markov_noise(model, markov.time_constants, markov.keep_white)
 
     @cached_property
     def simulator(self) -> CompiledModel:

@@ -17,7 +17,7 @@ from noiseid_cli.pipeline.context import Context
 from noiseid_cli.pipeline.datasets import file_attributes
 from noiseid_cli.pipeline.methods import Task, filter_of, run_method
 from noiseid_cli.pipeline.noise_unit import conversion_interval, noise_names
-from noiseid_cli.pipeline.problem import pose, pose_parameters
+from noiseid_cli.pipeline.problem import check_time_constants, pose, pose_parameters
 from noiseid_cli.pipeline.units import EstimateUnit
 
 if TYPE_CHECKING:
@@ -43,6 +43,7 @@ def make_estimate(context: Context, unit: EstimateUnit, progress: Progress | Non
     if unit.options.structure is not None:
         own = section.process_noise.model_copy(update={"structure": unit.options.structure})
         section = section.model_copy(update={"process_noise": own})
+    check_time_constants(context.experiment.model.markov_noise, context.model.discretisation, dataset)
     start, unknowns = pose(section, dataset, context.compiled, unit.start.factors, unit.start.measurement_factor)
     parameters = pose_parameters(section)
     estimate = _run(context, dataset, start, (unknowns, parameters), unit.options, progress)

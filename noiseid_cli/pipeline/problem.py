@@ -14,6 +14,7 @@ from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.models.recording import Array, Dataset
 
 if TYPE_CHECKING:
+    from noiseid_cli.config.schema import MarkovNoise
     from noiseid_cli.config.schema_estimate import CovarianceChoice, Estimate, MeanChoice
     from noiseid_cli.models.compiled import CompiledModel
 
@@ -55,6 +56,30 @@ def pose_parameters(section: Estimate) -> ParameterUnknowns:
         lower=np.array([-np.inf if c.lower is None else c.lower for c in chosen], dtype=float),
         upper=np.array([np.inf if c.upper is None else c.upper for c in chosen], dtype=float),
     )
+
+
+def check_time_constants(markov: MarkovNoise | None, discretisation: str, dataset: Dataset) -> None:
+    """Refuse a Markov process that forgets within a sample, which euler and rk4 cannot step.
+
+    Args:
+        markov: the experiment's `model.markov_noise`.
+        discretisation: the scheme in force.
+        dataset: the data.
+
+    Raises:
+        EstimationError: a time constant is not above the typical interval of a test.
+    """
+    if markov is None or discretisation not in ("euler", "rk4"):
+        return
+    for r in dataset.recordings:
+        interval = float(np.median(r.dt)) if len(r.dt) else 0.0
+        for name, tau in markov.time_constants.items():
+            if tau <= interval:
+                raise EstimationError(
+                    f"model.markov_noise: the time constant of {name}, {tau:g} s, is not above the interval of test "
+                    f"{r.name!r}, {interval:.3g} s: between samples such a noise is white; leave it white, or take a "
+                    "longer time constant"
+                )
 
 
 def _covariance(
