@@ -220,6 +220,17 @@ class Starts(Base):
 Method = Annotated[SerializeAsAny[MethodOptions], BeforeValidator(pick_method)]
 
 
+class OutlierGate(Base):
+    """Leave out measurements that the filter at the estimate finds too far off; off unless it is given."""
+
+    probability: Annotated[float, Field(gt=0, lt=1)] = Field(
+        default=1e-6, description="share of good measurements that a right filter would leave out"
+    )
+    per: Literal["sample", "output"] = Field(
+        default="sample", description="test all outputs of a sample together, or each output alone"
+    )
+
+
 class Estimate(Base):
     """Find the noise."""
 
@@ -231,6 +242,11 @@ class Estimate(Base):
     initial_covariance: CovarianceChoice = Field(description="covariance of the first state, the same for all tests")
     parameters: dict[Text, ParameterChoice] = Field(
         default={}, description="parameters of the model that are estimated, by name; the others keep their values"
+    )
+    outlier_gate: OutlierGate | None = Field(
+        default=None,
+        description="leave out outliers: fit, test the innovations at the estimate, fit anew without what fails, until "
+        "the set is at rest; held-out tests are scored whole. Default: off",
     )
     starts: Starts = Field(default=Starts(), description="starts to be tried")
     methods: Annotated[dict[Label, Method], Field(min_length=1), BeforeValidator(name_methods)] = Field(

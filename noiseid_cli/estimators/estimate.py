@@ -94,7 +94,8 @@ class Estimate:
         trace: per pass, first axis = pass: ``loglik`` (passes,), ``Q`` (passes, nv, nv), ``R`` (passes, ny, ny),
             ``change`` (passes,) relative size of the EM step taken there, ``extrapolated`` (passes,) 1 where the
             point came from the acceleration, ``accepted`` (passes,) 0 where it was rejected; of alg2 ``objective``
-            (passes,) as well, see there.
+            (passes,) as well, see there; with an outlier gate ``outliers`` (count, 4): test, sample and output, each
+            from 1, and the innovation in standard deviations.
         safeguards: each safeguard that acted, in a sentence.
         settings: the options in force, for the report.
         parameters: scalar unknowns beside Q, R, m0 and P0; None where there are none.

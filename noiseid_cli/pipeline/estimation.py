@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from noiseid_cli.estimators.estimate import Estimate, Progress
+from noiseid_cli.filters.gate import OutlierGate
 from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.outcome import UnitResult
 from noiseid_cli.pipeline.context import Context
 from noiseid_cli.pipeline.datasets import file_attributes
 from noiseid_cli.pipeline.methods import Task, filter_of, run_method
 from noiseid_cli.pipeline.noise_unit import conversion_interval, noise_names
+from noiseid_cli.pipeline.outliers import fit_without_outliers
 from noiseid_cli.pipeline.problem import check_time_constants, pose, pose_parameters
 from noiseid_cli.pipeline.units import EstimateUnit
 
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
     from noiseid_cli.config.methods import MethodOptions
     from noiseid_cli.diagnostics.evaluation import Evaluation
     from noiseid_cli.estimators.unknowns import ParameterUnknowns, Unknowns
+    from noiseid_cli.models.compiled import CompiledModel
     from noiseid_cli.models.recording import Array, Dataset
 
 
@@ -46,7 +49,15 @@ def make_estimate(context: Context, unit: EstimateUnit, progress: Progress | Non
     check_time_constants(context.experiment.model.markov_noise, context.model.discretisation, dataset)
     start, unknowns = pose(section, dataset, context.compiled, unit.start.factors, unit.start.measurement_factor)
     parameters = pose_parameters(section)
-    estimate = _run(context, dataset, start, (unknowns, parameters), unit.options, progress)
+
+    def fit(used: Dataset) -> Estimate:
+        return _run(context, used, start, (unknowns, parameters), unit.options, progress)
+
+    if section.outlier_gate is None:
+        estimate = fit(dataset)
+    else:
+        gate = OutlierGate(**section.outlier_gate.model_dump())
+        estimate, dataset = fit_without_outliers(fit, lambda e: _model_at(context, e), dataset, gate)
     structure = section.process_noise.structure
     words = structure if isinstance(structure, str) else "blocks"
     estimate = replace(estimate, settings={"structure": words, **estimate.settings})
@@ -141,6 +152,15 @@ def _run(
             seconds=0.0,
             settings=settings,
         )
+
+
+def _model_at(context: Context, estimate: Estimate) -> CompiledModel:
+    """The compiled model at the parameter values of an estimate."""
+    values = dict(context.model.values)
+    if estimate.parameters is not None:
+        found = zip(estimate.parameters.names, estimate.parameters.final.tolist(), strict=True)
+        values |= {name: value for (name, _, _), value in found if name in values}
+    return replace(context.compiled, parameters=np.array(list(values.values()), dtype=float))
 
 
 def _true_parameters(context: Context, dataset: Dataset, estimate: Estimate) -> Array | None:
