@@ -8,6 +8,7 @@ import time
 from typing import TYPE_CHECKING, Any, Self
 
 from noiseid_cli.commands.console import complain, say, width
+from noiseid_cli.commands.pace import Pace
 from noiseid_cli.commands.text import wrapped
 from noiseid_cli.pipeline.wording import counted
 
@@ -56,16 +57,20 @@ class QuietListener:
 
 
 class PlainListener(QuietListener):
-    """A line when a stage begins and when a unit ends; with ``verbose``, one per pass."""
+    """A line when a stage begins, when a unit ends, and now and then how far it is; with ``verbose``, one per pass."""
+
+    tells_pace = True
 
     def __init__(self, verbose: bool = False) -> None:
         """Say more with ``verbose``."""
         super().__init__()
         self._verbose = verbose
         self._said: set[str] = set()
+        self._pace = Pace("", 0, 0)
 
     def stage(self, name: str, total: int, there: int) -> None:
         """A stage begins."""
+        self._pace = Pace(name, total, there)
         already = f", {there if there < total else 'all'} there already" if there else ""
         self.line(f"{name}: {counted(total, 'unit')}{already}")
 
@@ -81,6 +86,9 @@ class PlainListener(QuietListener):
             self.line(f"  {token.unit}: {token.message}, {token.seconds:.1f} s")
             if self._verbose:
                 self.line(f"    {token.path}")
+        self._pace.count(token)
+        if self.tells_pace and (sentence := self._pace.sentence()):
+            self.line(sentence)
 
     def say(self, sentence: str) -> None:
         """Print a sentence, once."""
@@ -94,7 +102,9 @@ class PlainListener(QuietListener):
 
 
 class LiveListener(PlainListener):
-    """Below the lines, one display: a bar for the stage with the time left, and a row for each unit at work."""
+    """Below the lines, one display: a bar for the stage with rate and time left, and a row for each unit at work."""
+
+    tells_pace = False
 
     def __init__(self, verbose: bool = False) -> None:
         """Prepare the display; it shows with the ``with`` statement."""
@@ -109,6 +119,7 @@ class LiveListener(PlainListener):
             TextColumn("{task.description}", markup=False),
             BarColumn(24),
             MofNCompleteColumn(),
+            TextColumn("{task.fields[rate]}", markup=False),
             TimeElapsedColumn(),
             TextColumn("left", markup=False),
             LeftColumn(compact=True),
@@ -131,7 +142,7 @@ class LiveListener(PlainListener):
         """A stage begins."""
         super().stage(name, total, there)
         self._clear()
-        self._bar.add_task(name, total=total, completed=there, visible=there < total)
+        self._bar.add_task(name, total=total, completed=there, visible=there < total, rate="")
 
     def begin(self, unit: str) -> None:
         """A unit begins."""
@@ -148,7 +159,7 @@ class LiveListener(PlainListener):
         self._at_work.pop(token.unit, None)
         super().end(token)
         for task in self._bar.task_ids:
-            self._bar.advance(task)
+            self._bar.update(task, advance=1, rate=self._pace.rate())
 
     def fault(self, text: str) -> None:
         """Print what went wrong above the display."""

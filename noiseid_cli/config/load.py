@@ -17,7 +17,7 @@ from noiseid_cli.errors import ConfigError, Problem
 if TYPE_CHECKING:
     from noiseid_cli.config.schema import Experiment
 
-_MAX_PROBLEMS = 50
+MAX_PROBLEMS = 50
 
 
 @dataclass(frozen=True)
@@ -100,15 +100,15 @@ def load_experiment(path: FilePath | str, overrides: Iterable[str] = (), seed: i
     file = FilePath(path)
     document = read_yaml(file)
     problems = settings.apply(document, overrides, seed)
-    experiment, wrong = _validate(document)
+    experiment, wrong = validate(document)
     problems = list(dict.fromkeys([*document.problems, *problems, *wrong]))
     if problems or experiment is None:
-        raise ConfigError(str(path), _first(problems))
+        raise ConfigError(str(path), first_problems(problems))
     return LoadedExperiment(experiment, file, document)
 
 
-def _validate(document: Document) -> tuple[Experiment | None, list[Problem]]:
-    """Check the data of a document against the schema."""
+def validate(document: Document) -> tuple[Experiment | None, list[Problem]]:
+    """Check the data of a document against the schema; give the experiment, or None, and what is wrong."""
     from pydantic import ValidationError
 
     from noiseid_cli.config.messages import to_problem
@@ -127,10 +127,10 @@ def _validate(document: Document) -> tuple[Experiment | None, list[Problem]]:
         return None, [problem for problem in found if problem is not None]
 
 
-def _first(problems: list[Problem]) -> list[Problem]:
+def first_problems(problems: list[Problem]) -> list[Problem]:
     """Keep as many problems as somebody will read, and say how many follow."""
     ordered = sorted(problems, key=lambda p: (p.line, p.column))
-    kept, left = ordered[:_MAX_PROBLEMS], len(ordered) - _MAX_PROBLEMS
+    kept, left = ordered[:MAX_PROBLEMS], len(ordered) - MAX_PROBLEMS
     if left > 0:
         kept.append(Problem(kept[-1].line, kept[-1].column, "", f"{left} more problems follow"))
     return kept

@@ -6,14 +6,18 @@ import re
 from collections.abc import Iterable
 from typing import Any
 
-from noiseid_cli.config.document import Document, Path, dotted
+from noiseid_cli.config.document import Document, Path, Place, dotted
 from noiseid_cli.config.yaml_loader import parse_value
 from noiseid_cli.errors import Problem
 
 _PART = re.compile(r'"([^"]+)"|([^."]+)')
 
 
-class _PathError(ValueError):
+Origin = str | Place
+"""Where a value comes from: an argument of the command line, or a place in the file."""
+
+
+class PathError(ValueError):
     """The path of an override leads nowhere."""
 
 
@@ -35,21 +39,25 @@ def apply(document: Document, overrides: Iterable[str], seed: int | None = None)
         left, equals, right = text.partition("=")
         try:
             if not equals:
-                raise _PathError("must be of the form PATH=VALUE, such as simulate.samples=500")
-            path = _parse_path(left)
+                raise PathError("must be of the form PATH=VALUE, such as simulate.samples=500")
+            path = parse_path(left)
             value, wrong = parse_value(right, source)
             if wrong:
-                raise _PathError("; ".join(wrong))
-            _put(document, path, value, source)
-        except _PathError as error:
+                raise PathError("; ".join(wrong))
+            put(document, path, value, source)
+        except PathError as error:
             problems.append(Problem(1, 1, "", str(error), source=source))
     if seed is not None and isinstance(document.data, dict):
-        _put(document, ("seed",), seed, f"--seed {seed}")
+        put(document, ("seed",), seed, f"--seed {seed}")
     return problems
 
 
-def _parse_path(text: str) -> tuple[str, ...]:
-    """Split ``a."b.c".0`` into its parts."""
+def parse_path(text: str) -> tuple[str, ...]:
+    """Split ``a."b.c".0`` into its parts.
+
+    Raises:
+        PathError: the text is no path.
+    """
     parts, at = [], 0
     text = text.strip()
     while match := _PART.match(text, at):
@@ -60,11 +68,21 @@ def _parse_path(text: str) -> tuple[str, ...]:
         if text[at : at + 1] != ".":
             break
         at += 1
-    raise _PathError(f"{text!r} is not a path of settings, such as simulate.process_noise.std.0")
+    raise PathError(f"{text!r} is not a path of settings, such as simulate.process_noise.std.0")
 
 
-def _put(document: Document, path: tuple[str, ...], value: Any, source: str) -> None:
-    """Set one value, with the mappings that lead to it where they are not there yet."""
+def put(document: Document, path: tuple[str, ...], value: Any, origin: Origin) -> None:
+    """Set one value, with the mappings that lead to it where they are not there yet.
+
+    Args:
+        document: changed in place.
+        path: the setting.
+        value: its new value.
+        origin: what complaints about it point at.
+
+    Raises:
+        PathError: the path leads nowhere.
+    """
     if document.data is None:
         document.data = {}
     node, here = document.data, ()  # type: Any, Path
@@ -77,12 +95,19 @@ def _put(document: Document, path: tuple[str, ...], value: Any, source: str) -> 
         elif isinstance(node, dict) and node.get(step) is None:
             node[step] = {}
             if here not in document.places:
-                document.sources.setdefault(here, source)
+                _mark(document, here, origin)
         node = node[step]
     for known in (document.places, document.sources):
         for old in [p for p in known if p[: len(here)] == here]:
             del known[old]
-    document.sources[here] = source
+    _mark(document, here, origin)
+
+
+def _mark(document: Document, path: Path, origin: Origin) -> None:
+    if isinstance(origin, str):
+        document.sources.setdefault(path, origin)
+    else:
+        document.places.setdefault(path, origin)
 
 
 def _step(node: Any, part: str, here: Path) -> str | int:
@@ -91,9 +116,9 @@ def _step(node: Any, part: str, here: Path) -> str | int:
     if isinstance(node, dict):
         return part
     if not isinstance(node, list):
-        raise _PathError(f"{where} holds a single value: nothing can be set inside it")
+        raise PathError(f"{where} holds a single value: nothing can be set inside it")
     if not re.fullmatch("[0-9]{1,9}", part):
-        raise _PathError(f"{where} is a list: {part!r} must be the number of an entry, counted from 0")
+        raise PathError(f"{where} is a list: {part!r} must be the number of an entry, counted from 0")
     if int(part) >= len(node):
-        raise _PathError(f"{where} has {len(node)} entries: {part} must be 0 to {len(node) - 1}")
+        raise PathError(f"{where} has {len(node)} entries: {part} must be 0 to {len(node) - 1}")
     return int(part)

@@ -10,6 +10,7 @@ from noiseid_cli.config.base import Base, Label, Names, Positive, Text, WholeFro
 from noiseid_cli.config.schema_estimate import Estimate
 from noiseid_cli.config.schema_import import Import
 from noiseid_cli.config.schema_simulate import Simulate
+from noiseid_cli.config.schema_sweep import Sweep
 
 Format = Literal["html", "md", "csv", "tex", "svg", "png"]
 FORMATS: tuple[Format, ...] = get_args(Format)
@@ -123,6 +124,7 @@ class Experiment(Base):
     import_: Import | None = Field(default=None, alias="import", description="make datasets from recordings")
     estimate: Estimate | None = Field(default=None, description="what to estimate; left out: data only")
     report: Report = Field(default=Report(), description="what to report")
+    sweep: Sweep | None = Field(default=None, description="settings to vary; each point is an experiment of its own")
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -10,8 +10,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from noiseid_cli.config.load import LoadedExperiment, load_experiment
-from noiseid_cli.errors import ConfigError
+from noiseid_cli.config.load import MAX_PROBLEMS, LoadedExperiment, first_problems, load_experiment
+from noiseid_cli.config.sweep import SweepPoint, at_point, load_point, sweep_points
+from noiseid_cli.errors import ConfigError, Problem
 
 if TYPE_CHECKING:
     from noiseid_cli.config.schema import Experiment, MarkovNoise
@@ -31,6 +32,7 @@ class Context:
         root: folder that holds the folders of all experiments.
         say: takes sentences such as the one about a first compilation.
         overrides, seed: what was laid over the file, so that a worker process can open it likewise.
+        base: of a point of a sweep, the experiment that sweeps.
     """
 
     loaded: LoadedExperiment
@@ -38,6 +40,7 @@ class Context:
     say: Say
     overrides: tuple[str, ...] = ()
     seed: int | None = None
+    base: Context | None = None
 
     @property
     def experiment(self) -> Experiment:
@@ -50,8 +53,47 @@ class Context:
         return self.root / self.experiment.experiment
 
     @cached_property
+    def points(self) -> list[SweepPoint]:
+        """The points of the sweep; none where the experiment has no sweep."""
+        return sweep_points(self.loaded)
+
+    @cached_property
+    def _at(self) -> dict[int, Context]:
+        return {}
+
+    def at(self, point: int | None) -> Context:
+        """The experiment at a point of its sweep, by number; the experiment itself for None.
+
+        Raises:
+            ConfigError: the values of the point do not fit.
+        """
+        if point is None:
+            return self
+        if point not in self._at:
+            loaded = load_point(self.loaded, self.points[point])
+            self._at[point] = Context(loaded, self.root, self.say, self.overrides, self.seed, self)
+        return self._at[point]
+
+    @cached_property
+    def file_digests(self) -> dict[Path, str]:
+        """SHA-256 of recordings that were read already; the points of a sweep share them."""
+        return {} if self.base is None else self.base.file_digests
+
+    @cached_property
+    def _twin(self) -> Context | None:
+        """The experiment that sweeps, where its model is the same to the last value."""
+        if self.base is None:
+            return None
+        (mine, my_interval), (other, interval) = (
+            (c.experiment.model, c.experiment.simulate and c.experiment.simulate.sample_time) for c in (self, self.base)
+        )
+        return self.base if mine == other and my_interval == interval else None
+
+    @cached_property
     def model(self) -> Model:
         """The model with its parameters and discretisation."""
+        if self._twin is not None:
+            return self._twin.model
         from noiseid_cli.models.registry import load_model, load_model_file
 
         choice = self.experiment.model
@@ -90,6 +132,8 @@ class Context:
     @cached_property
     def simulator(self) -> CompiledModel:
         """The model's compiled functions, with a process noise per sample."""
+        if self._twin is not None:
+            return self._twin.simulator
         from noiseid_cli.models.compile import compile_model
 
         return compile_model(self.model, self.say)
@@ -111,6 +155,8 @@ class Context:
     @cached_property
     def model_digest(self) -> str:
         """Key of the model's equations and parameter values: another model makes other results."""
+        if self._twin is not None:
+            return self._twin.model_digest
         from noiseid_cli.models.compile import cache_key
 
         model = self.model
@@ -124,15 +170,34 @@ class Context:
         return hashlib.sha256(text.encode()).hexdigest()
 
     def check(self) -> None:
-        """Compare the experiment with its model, and read the published figures that it names.
+        """Compare the experiment, at every point of its sweep, with its model, and read the published figures.
 
         Raises:
             ConfigError: with every problem found.
             DataError: the file of published figures cannot be read.
         """
+        from noiseid_cli.config.published import load_published
+
+        problems = {problem: problem for problem in self._problems()}
+        for point in self.points:
+            try:
+                found = self.at(point.index)._problems()
+            except ConfigError as error:
+                found = error.problems
+            for problem in found:  # each is told once, with the first point that has it
+                problems.setdefault(problem, at_point(problem, point))
+            if len(problems) > MAX_PROBLEMS:
+                break
+        if problems:
+            raise ConfigError(str(self.loaded.file), first_problems(list(problems.values())))
+        if self.experiment.report.published is not None:
+            # Found out now, and not when all units have run.
+            load_published(self.loaded.resolve(self.experiment.report.published))
+
+    def _problems(self) -> list[Problem]:
+        """What does not fit between the experiment and its model."""
         from noiseid_cli.config.check import check_against
         from noiseid_cli.config.findings import ModelNames
-        from noiseid_cli.config.published import load_published
 
         model = self.model
         groups = (model.states, model.inputs, model.noises, model.outputs, model.parameters)
@@ -148,12 +213,7 @@ class Context:
             nonlinearity=self._nonlinearity(model),
             sample_time_parameter=model.sample_time_parameter,
         )
-        problems = check_against(self.loaded, names)
-        if problems:
-            raise ConfigError(str(self.loaded.file), problems)
-        if self.experiment.report.published is not None:
-            # Found out now, and not when all units have run.
-            load_published(self.loaded.resolve(self.experiment.report.published))
+        return check_against(self.loaded, names)
 
     def _nonlinearity(self, model: Model) -> str:
         """Why the model cannot be discretised exactly, where the experiment asks for it; empty if it can."""

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from noiseid_cli.pipeline.context import Context
-from noiseid_cli.pipeline.units import DatasetUnit
+from noiseid_cli.pipeline.unit import DatasetUnit
 
 if TYPE_CHECKING:
     from noiseid_cli.config.schema_import import Column
@@ -70,7 +70,7 @@ def _simulate(context: Context, unit: DatasetUnit) -> Dataset:
         tests=tests,
         replicate=unit.replicate,
         x0=None if section.initial_state is None else np.array(section.initial_state),
-        name=unit.name,
+        name=unit.own_name,
         stream=HELD_OUT if unit.held_out else STREAM,
         changes=[ParameterChange(**change.model_dump()) for change in section.parameter_changes],
     )
@@ -116,4 +116,4 @@ def _import(context: Context, unit: DatasetUnit) -> Dataset:
     inputs, outputs, states = (
         tuple((q.name, q.unit, q.description) for q in group) for group in (model.inputs, model.outputs, model.states)
     )
-    return replace(import_recordings(unit.name, sources, policy, model.name, inputs, outputs), states=states)
+    return replace(import_recordings(unit.own_name, sources, policy, model.name, inputs, outputs), states=states)

@@ -82,7 +82,8 @@ def _keep_record(context: Context, unit: Unit, token: Token) -> None:
     # A folder that takes no record any more, such as on a full disk, must not end the run: the token tells all.
     with suppress(DataError, OSError):
         if token.state == "failed":
-            record_failure(unit.path, unit.name, token.message, token.tries, unit.key, context.loaded.resolved())
+            settings = context.at(unit.point_index).loaded.resolved()
+            record_failure(unit.path, unit.name, token.message, token.tries, unit.key, settings)
         else:
             forget_failure(unit.path)
 

@@ -20,7 +20,7 @@ from noiseid_cli.pipeline.methods import Task, filter_of, run_method
 from noiseid_cli.pipeline.noise_unit import conversion_interval, noise_names
 from noiseid_cli.pipeline.outliers import fit_without_outliers
 from noiseid_cli.pipeline.problem import check_time_constants, pose, pose_parameters
-from noiseid_cli.pipeline.units import EstimateUnit
+from noiseid_cli.pipeline.unit import EstimateUnit
 
 if TYPE_CHECKING:
     from noiseid_cli.config.methods import MethodOptions
@@ -66,7 +66,7 @@ def make_estimate(context: Context, unit: EstimateUnit, progress: Progress | Non
         candidates["truth"] = NoiseValues(dataset.Q_true, dataset.R_true, start.m0, start.P0)
     held_out = None if unit.held_out is None else _read(context, unit.held_out.path)
     result = UnitResult(
-        unit=unit.name,
+        unit=unit.own_name,
         dataset=dataset.name,
         method_label=unit.label,
         start_index=unit.start.index,

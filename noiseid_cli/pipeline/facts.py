@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 from noiseid_cli.pipeline.context import Context
 
 if TYPE_CHECKING:
     from noiseid_cli.models.recording import Dataset
-    from noiseid_cli.report import DatasetFacts, ModelFacts, PublishedFacts
+    from noiseid_cli.outcome import UnitResult
+    from noiseid_cli.pipeline.unit import EstimateUnit
+    from noiseid_cli.report import DatasetFacts, ModelFacts, PublishedFacts, SweepFacts
 
 
 def model_facts(context: Context) -> ModelFacts:
@@ -82,3 +87,30 @@ def published_facts(context: Context) -> tuple[list[PublishedFacts], list[str]]:
         for name, t in published.tables.items()
     ]
     return facts, list(published.claims)
+
+
+def named_at_point(result: UnitResult, unit: EstimateUnit) -> UnitResult:
+    """A result under the names of its unit, which hold the point of the sweep."""
+    return replace(result, unit=unit.name, dataset=unit.dataset.name)
+
+
+def sweep_facts(context: Context, units: Sequence[EstimateUnit]) -> SweepFacts | None:
+    """What was varied, and the values for each of the units; None without a sweep."""
+    from noiseid_cli.report import SweepFacts
+
+    sweep = context.experiment.sweep
+    if sweep is None:
+        return None
+    values = {}
+    for unit in units:
+        assert unit.point_index is not None
+        values[unit.name] = tuple(_cell(v) for v in context.points[unit.point_index].values.values())
+    settings = tuple(", ".join(axis.vary) for axis in sweep.axes.values())
+    return SweepFacts(tuple(sweep.axes), settings, values)
+
+
+def _cell(value: Any) -> float | int | str:
+    """A number as it is; anything else as the text that a config would have."""
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return value
+    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)

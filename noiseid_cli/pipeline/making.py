@@ -9,7 +9,7 @@ from typing import Literal, Protocol
 
 from noiseid_cli.errors import NoiseidError
 from noiseid_cli.pipeline.context import Context
-from noiseid_cli.pipeline.units import DatasetUnit, EstimateUnit
+from noiseid_cli.pipeline.unit import DatasetUnit, EstimateUnit
 from noiseid_cli.pipeline.wording import counted
 
 Unit = DatasetUnit | EstimateUnit
@@ -80,6 +80,7 @@ def make(context: Context, unit: Unit, listener: Listener) -> Token:
     """Run one unit; an error that it raises on purpose becomes its token."""
     from noiseid_cli.pipeline.kernels import kernels_announced
 
+    context = context.at(unit.point_index)
     listener.begin(unit.name)
     began = time.perf_counter()
     try:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from noiseid_cli.errors import DataError
 from noiseid_cli.pipeline.context import Context
-from noiseid_cli.pipeline.facts import dataset_facts, model_facts, published_facts
+from noiseid_cli.pipeline.facts import dataset_facts, model_facts, named_at_point, published_facts, sweep_facts
 from noiseid_cli.pipeline.keys import digest
 from noiseid_cli.pipeline.units import chosen_methods, estimate_units
 
@@ -84,7 +84,7 @@ def make_report_stage(context: Context, methods: list[str] | None = None, anew: 
     context.say("report: tables, figures and pages")
     try:
         # Two reports at once would mix; each takes seconds, so that waiting needs no asking.
-        with locked(folder, context.say, wait=True):
+        with locked(context.folder, context.say, wait=True, name=".report.lock"):
             names = _write(study, folder, context.experiment.report.formats, before.get("files", ()))
             index = json.dumps({"key": key, "files": names}, indent=1)
             (folder / _INDEX).write_text(index, encoding="utf-8")
@@ -148,20 +148,27 @@ def gather(context: Context, methods: list[str] | None = None) -> tuple[Study, l
     results = _read([unit.path for unit in done], read_result, warnings)
     if not results:
         raise DataError("\n".join(warnings))
+    # Points of a sweep share datasets and even results: what a file says of itself, it says of all of them.
+    named = [named_at_point(results[unit.path], unit) for unit in done if unit.path in results]
+    data_units = {unit.dataset.path: unit.dataset for unit in reversed(done) if unit.dataset.done}
     datasets = _read(list(dict.fromkeys(u.dataset.path for u in done if u.dataset.done)), read_dataset, warnings)
     published, claims = published_facts(context)
     study = Study(
         title=context.experiment.report.title or context.experiment.experiment,
         experiment=context.experiment.experiment,
-        results=list(results.values()),
+        results=named,
         model=model_facts(context),
-        datasets=[dataset_facts(context, dataset) for dataset in datasets.values()],
+        datasets=[
+            replace(dataset_facts(context.at(data_units[path].point_index), dataset), name=data_units[path].name)
+            for path, dataset in datasets.items()
+        ],
         environment=provenance(),
         reproduce=_reproduce(context),
         warnings=warnings,
         citations=citations(context, methods),
         published=published,
         claims=claims,
+        sweep=sweep_facts(context, done),
     )
     return study, [*results, *datasets]
 

@@ -10,7 +10,8 @@ from typing import Literal
 from noiseid_cli.errors import DataError
 from noiseid_cli.pipeline.context import Context
 from noiseid_cli.pipeline.making import Unit
-from noiseid_cli.pipeline.units import DatasetUnit, data_stage, dataset_units, estimate_units
+from noiseid_cli.pipeline.unit import DatasetUnit
+from noiseid_cli.pipeline.units import data_stage, dataset_units, estimate_units
 
 Condition = Literal["done", "failed", "damaged", "missing"]
 

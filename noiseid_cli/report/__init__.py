@@ -1,7 +1,7 @@
 """Tables, figures and pages made from results."""
 
 from noiseid_cli.report.page import FORMATS, ReportFiles, make_report
-from noiseid_cli.report.study import DatasetFacts, ModelFacts, ParameterFact, PublishedFacts, Study
+from noiseid_cli.report.study import DatasetFacts, ModelFacts, ParameterFact, PublishedFacts, Study, SweepFacts
 from noiseid_cli.report.summary import terminal_tables
 
 __all__ = [
@@ -12,6 +12,7 @@ __all__ = [
     "PublishedFacts",
     "ReportFiles",
     "Study",
+    "SweepFacts",
     "make_report",
     "terminal_tables",
 ]

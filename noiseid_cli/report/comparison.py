@@ -30,7 +30,9 @@ def path_norm(result: UnitResult, held_out: bool = False) -> float:
 
 
 def score_table(study: Study) -> Table | None:
-    """Best and worst unit of each method in path error and NIS, on its own data and on held-out tests."""
+    """Best and worst unit of each method in path error and NIS, on its own data and on held-out ones; no sweeps."""
+    if study.sweep:
+        return None
     held = any(r.held_out for r in study.results)
     known = [r for r in study.results if math.isfinite(path_norm(r)) or (held and math.isfinite(path_norm(r, True)))]
     if not known:
@@ -90,8 +92,11 @@ def _mean_nis(units: list[UnitResult], held_out: bool) -> Cell:
 
 
 def recovery_table(study: Study) -> Table | None:
-    """Bias and spread of each standard deviation over replicates, with the Monte Carlo error of the bias."""
-    if len({r.replicate for r in study.results}) < 2 or all(r.Q_true is None for r in study.results):
+    """Bias and spread of each standard deviation over replicates, with the Monte Carlo error of the bias.
+
+    None without replicates or truth, and for a sweep, whose points may have truths of their own.
+    """
+    if study.sweep or len({r.replicate for r in study.results}) < 2 or all(r.Q_true is None for r in study.results):
         return None
     columns = (
         Column("Method"),

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from noiseid_cli.diagnostics.misfit import misfit_sentences
 from noiseid_cli.outcome import UnitResult
-from noiseid_cli.report import agreement, build, comparison, facts, published, tracking
+from noiseid_cli.report import agreement, build, comparison, facts, published, sweep, tracking
 from noiseid_cli.report.figure_style import Plot
 from noiseid_cli.report.figures import convergence_plot, std_plots
 from noiseid_cli.report.figures_online import online_plots
@@ -55,6 +55,7 @@ def sections(study: Study) -> list[Section]:
     parts = [
         Section("warnings", "What must be known first?", _warnings(study)),
         Section("problem", "What was estimated from what?", _problem(study)),
+        Section("sweep", "What do the varied settings change?", _sweep(study)),
         Section("estimate", "The estimate: before and after", _estimate(study)),
         Section("deviations", "Which standard deviations?", _deviations(study)),
         Section("starts", "Do the starts agree?", _starts(study)),
@@ -141,9 +142,18 @@ def _estimate(study: Study) -> tuple[Block, ...]:
     return (summary, *units) if len(study.results) > build.MANY else (*units, summary)
 
 
+def _sweep(study: Study) -> tuple[Block, ...]:
+    if study.sweep is None or not study.results:
+        return ()
+    varied = [f"{axis}: {text}" for axis, text in zip(study.sweep.axes, study.sweep.settings, strict=True)]
+    return (Bullets(tuple(varied)), sweep.sweep_table(study), *sweep.sweep_plots(study))
+
+
 def _deviations(study: Study) -> tuple[Block, ...]:
     if not study.results:
         return ()
+    if study.sweep and len(study.results) > build.MANY:  # the points may have truths of their own: no means over them
+        return tuple(build.correlation_tables(study))
     many = len(study.results) > build.MANY
     table = build.std_summary_table if many else build.std_table
     # Of many units, an R that nobody estimated would be a long table of one value.

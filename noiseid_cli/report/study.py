@@ -89,6 +89,21 @@ class PublishedFacts:
 
 
 @dataclass(frozen=True)
+class SweepFacts:
+    """What was varied.
+
+    Attributes:
+        axes: name of each axis.
+        settings: per axis, the settings that it varies, in words.
+        values: per unit, the value of each axis; what is no number is text.
+    """
+
+    axes: tuple[str, ...]
+    settings: tuple[str, ...]
+    values: dict[str, tuple[float | int | str, ...]]
+
+
+@dataclass(frozen=True)
 class Study:
     """Everything that a report shows.
 
@@ -104,6 +119,7 @@ class Study:
         citations: the papers behind the methods that ran.
         published: published tables that ours stand beside.
         claims: what their source claims, in sentences.
+        sweep: what was varied; None where nothing was.
     """
 
     title: str
@@ -117,6 +133,7 @@ class Study:
     citations: list[str] = field(default_factory=list)
     published: list[PublishedFacts] = field(default_factory=list)
     claims: list[str] = field(default_factory=list)
+    sweep: SweepFacts | None = None
 
     def dataset(self, name: str) -> DatasetFacts | None:
         """Facts about one dataset; None where none were given."""

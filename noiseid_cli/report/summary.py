@@ -20,6 +20,7 @@ from noiseid_cli.report.comparison import recovery_table, score_table
 from noiseid_cli.report.noise_units import noise_units_table
 from noiseid_cli.report.published import published_tables
 from noiseid_cli.report.study import Study
+from noiseid_cli.report.sweep import sweep_table
 from noiseid_cli.report.tables import Table
 from noiseid_cli.report.tracking import hold_table, tracking_table
 
@@ -27,12 +28,15 @@ from noiseid_cli.report.tracking import hold_table, tracking_table
 def terminal_tables(study: Study) -> list[Table]:
     """How the units ended, before and after, the standard deviations, the agreement of several starts.
 
-    R is shown where it was estimated, the innovations per output where no truth is known to compare with, and published
-    figures beside ours. Many units are summed up method by method.
+    Of a sweep, means per method and a row for each point. R is shown where it was estimated, the innovations per output
+    where no truth is known to compare with, and published figures beside ours. Many units are summed up method by
+    method.
     """
     if not study.results:
         return []
     many = len(study.results) > MANY
+    if study.sweep:
+        return [summary_table(study), sweep_table(study)]
     if many:
         tables = [summary_table(study), score_table(study), recovery_table(study), std_summary_table(study, "Q")]
     else:

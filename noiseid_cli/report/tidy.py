@@ -25,17 +25,18 @@ from noiseid_cli.report.study import Study
 from noiseid_cli.report.tables import Cell, Column, Missing, Table, number
 from noiseid_cli.report.tracking import late_errors
 
-HEADINGS = (
-    "unit", "dataset", "method", "start", "start_label", "replicate", "status",
-    "at", "metric", "index", "value", "value_unit", "note",
-)  # fmt: skip
+_HEAD = ("unit", "dataset", "method", "start", "start_label", "replicate", "status")
+_TAIL = ("at", "metric", "index", "value", "value_unit", "note")
 
 Row = tuple[str, str, str, float, str]
 """at, metric, index, value, unit of the value."""
 
 
 def tidy_table(study: Study) -> Table:
-    """All numbers of a study in long form; ``at`` is start, estimate, truth or empty; a value may be empty."""
+    """All numbers of a study in long form; ``at`` is start, estimate, truth or empty; a value may be empty.
+
+    Of a sweep, each axis has a column of its own, ``sweep_`` and its name, between the unit and the number.
+    """
     rows = []
     for result in study.results:
         head: tuple[Cell, ...] = (
@@ -47,12 +48,15 @@ def tidy_table(study: Study) -> Table:
             result.replicate,
             result.estimate.status,
         )
+        swept = study.sweep.values[result.unit] if study.sweep else ()
         for at, metric, index, value, unit in _rows(result, study):
             cell = value if isinstance(value, int) else number(value, "")
             note = reason(result, "truth" if at == "truth" else "estimate") if isinstance(cell, Missing) else ""
-            rows.append((*head, at, metric, index, cell, unit, note))
+            rows.append((*head, *swept, at, metric, index, cell, unit, note))
     caption = "One row per unit, place (at), metric and index."
-    return Table("results", "All results", caption, tuple(Column(h) for h in HEADINGS), tuple(rows))
+    axes = tuple(f"sweep_{axis}" for axis in study.sweep.axes) if study.sweep else ()
+    headings = (*_HEAD, *axes, *_TAIL)
+    return Table("results", "All results", caption, tuple(Column(h) for h in headings), tuple(rows))
 
 
 def _rows(result: UnitResult, study: Study) -> Iterator[Row]:

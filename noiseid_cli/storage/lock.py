@@ -23,18 +23,19 @@ _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.
 
 
 @contextmanager
-def locked(folder: Path, say: Callable[[str], None], wait: bool = False) -> Iterator[None]:
+def locked(folder: Path, say: Callable[[str], None], wait: bool = False, name: str = NAME) -> Iterator[None]:
     """Hold the lock of a folder, which is made where it is missing.
 
     Args:
         folder: the experiment's folder.
         say: takes the sentence that somebody else holds it, before a wait, or that the file system knows no locks.
         wait: wait until the lock is free.
+        name: name of the file, for a lock on a part of the work.
 
     Raises:
         DataError: another run holds it, or the folder cannot be written.
     """
-    path = Path(folder) / NAME
+    path = Path(folder) / name
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         # Never truncated on opening: the text is the holder's until the lock is ours.

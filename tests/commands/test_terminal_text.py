@@ -112,7 +112,7 @@ def test_a_terminal_sees_a_display_and_a_pipe_only_the_answer(small):
     assert "\x1b" not in out
     assert out.rstrip().endswith("report: runs/small/report/report.md")
     plain = re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", seen)
-    assert re.search(r"estimate ━+ +0/2 0:00:0\d left", plain)
+    assert re.search(r"estimate ━+ +0/2 +0:00:0\d left", plain)
     assert re.search(r"  replicate-000/em/start-0  pass \d+  log-likelihood \d+\.\d\d  \d s", plain)
     assert max(len(line) for line in re.split(r"[\r\n]+", plain)) <= 80
     assert re.search(r"replicate-000/em/start-0: converged after \d+ passes", plain)

@@ -14,6 +14,8 @@ SHORT = {
     "axelsson2011_replicates": ["--set", "simulate.samples=150", "--set", "simulate.replicates=2",
                                 "--set", "simulate.held_out.tests=1"],
     "quickstart": ["--set", "simulate.samples=150", "--set", "estimate.methods.em-plain.max_passes=4"],
+    "sweep_test_length": ["--set", "sweep.axes.samples.values=[60, 80]", "--set", "simulate.replicates=1",
+                          "--set", "sweep.axes.encoder.values=[1e-12]", "--set", "estimate.methods.em.max_passes=4"],
     "double_pendulum_measured": ["--set", "import.recordings.excited.rows=[1, 400]",
                                  "--set", "import.recordings.swing_up.rows=[1, 400]"],
 }  # fmt: skip
