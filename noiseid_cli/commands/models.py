@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -14,6 +15,7 @@ from noiseid_cli.commands.text import table as table_lines
 
 if TYPE_CHECKING:
     from noiseid_cli.models.describe import Description
+    from noiseid_cli.models.equations import Model
 
 _KINDS = {
     "definition": "definitions",
@@ -46,20 +48,34 @@ def list_models(ctx: typer.Context, json: Json = False) -> None:
 @app.command("show")
 @guarded
 def show(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="A model, or FILE.py:CLASS for one of your own.")],
+    name: Annotated[
+        str,
+        typer.Argument(metavar="NAME", help="A model, FILE.py:CLASS for one of your own, or an experiment FILE.yaml."),
+    ],
     latex: Annotated[bool, typer.Option("--latex", help="The equations in LaTeX.")] = False,
     json: Json = False,
 ) -> None:
     """Show a model's equations, and its parameters with units and sources."""
     from noiseid_cli.models.describe import describe
-    from noiseid_cli.models.registry import find_model
 
-    description = describe(find_model(name))
+    description = describe(_load(name))
     if json:
         answer_json(_as_data(description))
         return
     for line in _latex(description) if latex else _text(description, width()):
         answer(line)
+
+
+def _load(name: str) -> Model:
+    """A model that comes with noiseid, one of the user's own file, or that of an experiment."""
+    from noiseid_cli.models.registry import find_model
+
+    if not name.endswith((".yaml", ".yml")):
+        return find_model(name)
+    from noiseid_cli.config.load import load_experiment
+    from noiseid_cli.pipeline.context import Context
+
+    return Context(load_experiment(Path(name)), Path(), lambda _: None).model
 
 
 def _as_data(d: Description) -> dict[str, object]:

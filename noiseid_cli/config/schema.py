@@ -6,83 +6,15 @@ from typing import Annotated, Any, Literal, Self, get_args
 
 from pydantic import ConfigDict, Field, Strict, field_validator, model_validator
 
-from noiseid_cli.config.base import Base, Label, Names, Positive, Text, WholeFrom0, refuse
+from noiseid_cli.config.base import Base, Label, Text, WholeFrom0, refuse
 from noiseid_cli.config.schema_estimate import Estimate
 from noiseid_cli.config.schema_import import Import
+from noiseid_cli.config.schema_model import ModelChoice
 from noiseid_cli.config.schema_simulate import Simulate
 from noiseid_cli.config.schema_sweep import Sweep
 
 Format = Literal["html", "md", "csv", "tex", "svg", "png"]
 FORMATS: tuple[Format, ...] = get_args(Format)
-
-
-class MarkovNoise(Base):
-    """First-order Markov processes (coloured noise) in the place of white process noises."""
-
-    on: Names = Field(description="process noises of the model that become Markov processes")
-    time_constant: Positive | dict[Text, Positive] = Field(
-        description="time constant, s: one for all, or {noise: s}; each is a parameter tau_<noise> of the model"
-    )
-    keep_white: bool = Field(default=False, description="keep the white noise beside the process")
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        for i, name in enumerate(self.on):
-            if name in self.on[:i]:
-                refuse(f"{name} is in the list twice", at=["on", i])
-        if isinstance(self.time_constant, dict):
-            for name in self.time_constant:
-                if name not in self.on:
-                    refuse(f"{name} is not in the list `on`", at=["time_constant", name])
-            for name in self.on:
-                if name not in self.time_constant:
-                    refuse(f"{name} is missing: what is its time constant?", at=["time_constant"])
-        return self
-
-    @property
-    def time_constants(self) -> dict[str, float]:
-        """Time constant, s, of each noise."""
-        tau = self.time_constant
-        return {name: tau[name] if isinstance(tau, dict) else tau for name in self.on}
-
-
-class ModelChoice(Base):
-    """The model: one that comes with noiseid, by name, or a class in a file of the user's."""
-
-    model_config = ConfigDict(
-        json_schema_extra={"oneOf": [{"required": ["name"]}, {"required": ["file", "class"]}]},
-    )
-
-    name: Text | None = Field(default=None, description="a model that comes with noiseid; `noiseid models` lists them")
-    file: Text | None = Field(
-        default=None,
-        description="a Python file with a model, run when loaded; relative to the experiment file",
-    )
-    class_name: Text | None = Field(default=None, alias="class", description="the class in that file")
-    parameters: dict[Text, float] = Field(
-        default={}, description="parameter values that replace the model's, in its units"
-    )
-    discretisation: Literal["euler", "rk4", "exact", "van_loan", "discrete"] | None = Field(
-        default=None,
-        description="how the equations become steps; exact, by the matrix exponential, is for linear ones only; "
-        "default: the model's own",
-    )
-    markov_noise: MarkovNoise | None = Field(
-        default=None,
-        description="coloured noise: a state xi_<noise> with xi' = -xi/tau + w takes the place of each named noise, "
-        "and w_<noise> is the process noise",
-    )
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        from_file = self.file is not None or self.class_name is not None
-        if (self.name is not None) == from_file:
-            refuse("give either name, or file and class")
-        if from_file and self.class_name is None:
-            refuse("class is missing: which class of the file is the model?")
-        if from_file and self.file is None:
-            refuse("file is missing: which file holds the class?")
-        return self
 
 
 class Report(Base):

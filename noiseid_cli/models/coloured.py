@@ -70,6 +70,7 @@ def _declarations(
         "name": f"{model.name}_markov",
         "states": (*model.states, *(Quantity(f"xi_{q.name}", q.unit, f"Markov process: {_words(q)}") for q in on)),
         "inputs": model.inputs,
+        "known_inputs": model.known_inputs,
         "noises": (*kept, *(Quantity(f"w_{q.name}", _per_second(q.unit), f"drives xi_{q.name}") for q in on)),
         "outputs": model.outputs,
         "performances": model.performances,

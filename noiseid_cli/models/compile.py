@@ -20,6 +20,7 @@ from noiseid_cli.errors import ModelError
 from noiseid_cli.models.compiled import Adjoints, CompiledModel
 from noiseid_cli.models.discretisation import SCHEMES
 from noiseid_cli.models.equations import Equations, Model
+from noiseid_cli.models.matrix_model import MatrixModel
 
 
 def compile_model(model: Model, on_compile: Callable[[str], None] | None = None) -> CompiledModel:
@@ -32,6 +33,8 @@ def compile_model(model: Model, on_compile: Callable[[str], None] | None = None)
     Raises:
         ModelError: faulty equations, or the cache folder cannot be written.
     """
+    if isinstance(model, MatrixModel) and model.constant:
+        return model.compiled()
     equations = model.equations()
     key = cache_key(equations)
     module = _module(model.name, key, "equations", lambda: _generate(model, equations), on_compile)

@@ -126,6 +126,9 @@ def _tables(model: Model) -> list[Table]:
 class _Text(StrPrinter):  # type: ignore[misc]
     """One-line unicode: a dot for products, superscripts for whole powers, braces for branches."""
 
+    def _print_Float(self, e: Any) -> str:
+        return repr(float(e))
+
     def _print_Mul(self, e: Any) -> str:
         return str(super()._print_Mul(e)).replace("*", "·")
 
@@ -154,6 +157,10 @@ class _Latex(LatexPrinter):  # type: ignore[misc]
     def name(self, name: str) -> str:
         """LaTeX of one name."""
         return self._names.get(name) or str(self._deal_with_super_sub(name))
+
+    def _print_Float(self, e: Any) -> str:
+        mantissa, _, exponent = repr(float(e)).partition("e")
+        return rf"{mantissa} \cdot 10^{{{int(exponent)}}}" if exponent else mantissa
 
     def _print_Symbol(self, e: Any, style: str = "plain") -> str:
         return self.name(e.name)

@@ -68,6 +68,7 @@ class Model:
         discretisation: how f becomes a step: ``euler``, ``rk4``, ``exact`` (f linear in states and noises), or
             ``discrete`` where f is the next state. ``van_loan`` is exact for a linear model driven by white noise: the
             covariance of v is then a spectral density, and only the methods for ensembles take such a model.
+        known_inputs: inputs whose values come with the model, (samples,) each; no recording and no trajectory has them.
         citation: the work that the model is from.
         latex_names: LaTeX of names that sympy does not render well, such as ``{"dqa1": r"\dot q_{a1}"}``.
     """
@@ -82,6 +83,7 @@ class Model:
     sample_time: ClassVar[float] = 0.0
     sample_time_parameter: ClassVar[str] = ""
     discretisation: ClassVar[str] = ""
+    known_inputs: ClassVar[Mapping[str, Array]] = {}
     citation: ClassVar[str] = ""
     latex_names: ClassVar[Mapping[str, str]] = {}
 
@@ -150,6 +152,11 @@ class Model:
     def terms(self, x: Any, u: Any, p: Any) -> Terms:
         """Named intermediate quantities that ``dynamics``, ``output`` and ``performance`` may use."""
         return Terms()
+
+    @property
+    def driven_inputs(self) -> tuple[Quantity, ...]:
+        """The inputs that a recording or a trajectory gives: those that do not come with the model."""
+        return tuple(q for q in self.inputs if q.name not in self.known_inputs)
 
     @property
     def vector(self) -> Array:

@@ -15,7 +15,8 @@ from noiseid_cli.config.sweep import SweepPoint, at_point, load_point, sweep_poi
 from noiseid_cli.errors import ConfigError, Problem
 
 if TYPE_CHECKING:
-    from noiseid_cli.config.schema import Experiment, MarkovNoise
+    from noiseid_cli.config.schema import Experiment
+    from noiseid_cli.config.schema_model import MarkovNoise
     from noiseid_cli.models.compiled import CompiledModel
     from noiseid_cli.models.equations import Model
 
@@ -94,15 +95,10 @@ class Context:
         """The model with its parameters and discretisation."""
         if self._twin is not None:
             return self._twin.model
-        from noiseid_cli.models.registry import load_model, load_model_file
+        from noiseid_cli.pipeline.model_choice import chosen_model
 
         choice = self.experiment.model
-        if choice.name is not None:
-            model = load_model(choice.name, choice.parameters)
-        else:
-            assert choice.file is not None
-            assert choice.class_name is not None
-            model = load_model_file(self.loaded.resolve(choice.file), choice.class_name, choice.parameters)
+        model = chosen_model(self.loaded)
         # The class states its own; an instance may differ.
         if choice.discretisation is not None:
             model.discretisation = choice.discretisation  # type: ignore[misc]
@@ -160,7 +156,10 @@ class Context:
         from noiseid_cli.models.compile import cache_key
 
         model = self.model
-        text = json.dumps([cache_key(model.equations()), model.values, model.discretisation, model.sample_time])
+        known = {name: hashlib.sha256(values.tobytes()).hexdigest() for name, values in model.known_inputs.items()}
+        parts = [cache_key(model.equations()), model.values, model.discretisation, model.sample_time]
+        # Left out where there is none, as it always was.
+        text = json.dumps([*parts, known] if known else parts)
         return hashlib.sha256(text.encode()).hexdigest()
 
     @property
@@ -200,7 +199,7 @@ class Context:
         from noiseid_cli.config.findings import ModelNames
 
         model = self.model
-        groups = (model.states, model.inputs, model.noises, model.outputs, model.parameters)
+        groups = (model.states, model.driven_inputs, model.noises, model.outputs, model.parameters)
         states, inputs, noises, outputs, parameters = (tuple(q.name for q in group) for group in groups)
         names = ModelNames(
             states,

@@ -77,6 +77,7 @@ def _simulate(context: Context, unit: DatasetUnit) -> Dataset:
 
 
 def _import(context: Context, unit: DatasetUnit) -> Dataset:
+    from noiseid_cli.models.known_inputs import with_known_inputs
     from noiseid_cli.recordings import import_recordings
     from noiseid_cli.recordings.options import ColumnMap, ProblemPolicy, RecordingSource, TimeMap
 
@@ -114,6 +115,10 @@ def _import(context: Context, unit: DatasetUnit) -> Dataset:
     )
     model = context.model
     inputs, outputs, states = (
-        tuple((q.name, q.unit, q.description) for q in group) for group in (model.inputs, model.outputs, model.states)
+        tuple((q.name, q.unit, q.description) for q in group)
+        for group in (model.driven_inputs, model.outputs, model.states)
     )
-    return replace(import_recordings(unit.own_name, sources, policy, model.name, inputs, outputs), states=states)
+    dataset = import_recordings(unit.own_name, sources, policy, model.name, inputs, outputs)
+    recordings = tuple(replace(r, u=with_known_inputs(model, r.u, f"test {r.name!r}")) for r in dataset.recordings)
+    inputs = tuple((q.name, q.unit, q.description) for q in model.inputs)
+    return replace(dataset, recordings=recordings, inputs=inputs, states=states)

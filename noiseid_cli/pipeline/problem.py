@@ -14,8 +14,8 @@ from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.models.recording import Array, Dataset
 
 if TYPE_CHECKING:
-    from noiseid_cli.config.schema import MarkovNoise
     from noiseid_cli.config.schema_estimate import CovarianceChoice, Estimate, MeanChoice
+    from noiseid_cli.config.schema_model import MarkovNoise
     from noiseid_cli.models.compiled import CompiledModel
 
 

@@ -35,7 +35,7 @@ def read_binary(source: RecordingSource, kind: str, wanted: Sequence[Key]) -> Ta
     for key in wanted:
         if isinstance(key, int):
             raise DataError(f"{file}: columns go by number in CSV files only; write a name in place of {key}.")
-    answer, arrays = _ask(file, kind, [str(key) for key in wanted])
+    answer, arrays = _ask(file, kind, {"wanted": [str(key) for key in wanted]})
     names = tuple(answer["names"])
     if "unknown" in answer:
         raise unknown_column(file, answer["unknown"], names)
@@ -64,7 +64,9 @@ def list_binary(file: Path, kind: str) -> list[str]:
         DataError: the file is damaged or missing, or no two numbers in it stand one after the other.
     """
     check_plain_file(file)
-    columns: list[tuple[str, int]] = [(name, length) for name, length in _ask(file, kind, None)[0]["columns"]]
+    columns: list[tuple[str, int]] = [
+        (name, length) for name, length in _ask(file, kind, {"wanted": None})[0]["columns"]
+    ]
     lengths = [length for _, length in columns if length > 1]
     if not lengths:
         raise DataError(f"{file} holds no column of numbers; expected a recording.")
@@ -72,9 +74,23 @@ def list_binary(file: Path, kind: str) -> list[str]:
     return [name for name, length in columns if length == usual]
 
 
-def _ask(file: Path, kind: str, wanted: list[str] | None) -> tuple[dict[str, Any], list[Array]]:
+def ask_whole(file: Path, kind: str, wanted: Sequence[str], optional: Sequence[str] = ()) -> dict[str, Array]:
+    """Whole arrays of such a file, in their shapes.
+
+    Raises:
+        DataError: the file is damaged, or has no such array.
+    """
+    check_plain_file(file)
+    answer, arrays = _ask(file, kind, {"wanted": list(wanted), "optional": list(optional), "whole": True})
+    if "unknown" in answer:
+        raise unknown_column(file, answer["unknown"], tuple(answer["names"]))
+    shaped = zip(answer["found"], answer["shapes"], arrays, strict=True)
+    return {name: array.reshape(shape).copy() for name, shape, array in shaped}
+
+
+def _ask(file: Path, kind: str, question: dict[str, Any]) -> tuple[dict[str, Any], list[Array]]:
     """Let the reading process read; its answer is one line of JSON and then the columns as f8."""
-    request = json.dumps({"file": str(file.resolve()), "kind": kind, "wanted": wanted})
+    request = json.dumps({"file": str(file.resolve()), "kind": kind, **question})
     # No plugin from a folder on this machine may be loaded because a file asks for it.
     environment = os.environ | {"HDF5_PLUGIN_PRELOAD": "::", "OPENBLAS_NUM_THREADS": "1"}
     command = [sys.executable, "-P", str(_CHILD), request]

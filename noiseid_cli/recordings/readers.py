@@ -46,12 +46,18 @@ def list_columns(source: RecordingSource) -> list[Key]:
 
 
 def _kind(source: RecordingSource) -> Kind:
-    kind = source.kind or _KINDS.get(source.file.suffix.lower())
+    return source.kind or kind_of(source.file, "set its kind in the config (csv, mat, hdf5, npz)")
+
+
+def kind_of(file: Path, advice: str) -> Kind:
+    """The kind of a file by the ending of its name.
+
+    Raises:
+        DataError: the ending is not known; with advice on what to do.
+    """
+    kind = _KINDS.get(file.suffix.lower())
     if kind is None:
-        raise DataError(
-            f"{source.file}: its name does not tell what kind of file it is; set its kind in the config "
-            "(csv, mat, hdf5, npz)."
-        )
+        raise DataError(f"{file}: its name does not tell what kind of file it is; {advice}.")
     return kind
 
 

@@ -60,16 +60,43 @@ def main(request: dict[str, Any]) -> None:
 
 def _answer(request: dict[str, Any], columns: list[np.ndarray]) -> dict[str, Any]:
     opener = {"mat": open_mat, "hdf5": open_hdf5, "npz": open_npz}[request["kind"]]
-    store = opener(request["file"])
+    whole = request.get("whole", False)
+    store: Any = open_mat(request["file"], squeeze=False) if whole and opener is open_mat else opener(request["file"])
     if request["wanted"] is None:
         return {"columns": list(_columns_listed(store))}
-    for wanted in request["wanted"]:
+    found, shapes = [], []
+    for wanted in [*request["wanted"], *request.get("optional", ())]:
         try:
-            columns.append(_column(store, wanted))
+            values = _whole(store, wanted) if whole else _column(store, wanted)
         except UnknownError:
+            if wanted in request.get("optional", ()):
+                continue
             columns.clear()
             return {"names": list(store.names()), "unknown": wanted}
-    return {"names": list(store.names()), "lengths": [len(column) for column in columns]}
+        columns.append(values)
+        found.append(wanted)
+        shapes.append(list(values.shape))
+    return {
+        "names": list(store.names()),
+        "found": found,
+        "shapes": shapes,
+        "lengths": [column.size for column in columns],
+    }
+
+
+def _whole(store: Any, wanted: str) -> np.ndarray:
+    """An array as it stands."""
+    return np.ascontiguousarray(store.values(_numeric(store, wanted, store.find(wanted))), dtype="<f8")
+
+
+def _numeric(store: Any, wanted: str, array: Any) -> Any:
+    """The same array, after a look at its type and size."""
+    if array.dtype.kind not in "iufb":
+        raise RefusedError(f"'{wanted}' holds {array.dtype} where plain real numbers are needed.")
+    shape = store.shape(array)
+    if np.prod(shape, dtype=float) * array.dtype.itemsize > COLUMN_LIMIT:
+        raise RefusedError(f"'{wanted}' declares the shape {shape}, more than {COLUMN_LIMIT // GIB} GiB.")
+    return array
 
 
 def _columns_listed(store: Any) -> Iterator[tuple[str, int]]:
@@ -97,12 +124,8 @@ def _column(store: Any, wanted: str) -> np.ndarray:
         if match is None:
             raise
         array, number = store.find(match[1]), int(match[2])
-    if array.dtype.kind not in "iufb":
-        raise RefusedError(f"'{wanted}' holds {array.dtype} where plain real numbers are needed.")
+    values = store.values(_numeric(store, wanted, array))
     shape = store.shape(array)
-    if np.prod(shape, dtype=float) * array.dtype.itemsize > COLUMN_LIMIT:
-        raise RefusedError(f"'{wanted}' declares the shape {shape}, more than {COLUMN_LIMIT // GIB} GiB.")
-    values = store.values(array)
     if number is None:
         if values.size != max((1, *values.shape)):
             raise RefusedError(f"'{wanted}' has the shape {shape}; name one of its columns, as in '{wanted}[1]'.")
@@ -149,15 +172,17 @@ def open_npz(file: str) -> Arrays:
         return Arrays({name: archive[name] for name in archive.files})
 
 
-def open_mat(file: str) -> Any:
-    """A MAT file of any version; v7.3 is HDF5 behind a header of 512 bytes."""
+def open_mat(file: str, squeeze: bool = True) -> Any:
+    """A MAT file of any version; v7.3 is HDF5 behind a header of 512 bytes. Squeezed, its structures are opened too."""
     with open(file, "rb") as stream:  # noqa: PTH123 - a string, and a script that starts fast
         if stream.read(520)[512:] == HDF5_MAGIC:
             return Hdf5(file, separator=".", transposed=True)
     from scipy.io import loadmat
 
-    content = loadmat(file, simplify_cells=True)
+    content = loadmat(file, simplify_cells=squeeze)
     content = {name: value for name, value in content.items() if not name.startswith("__")}
+    if not squeeze:
+        return Arrays({name: value for name, value in content.items() if np.asarray(value).dtype.kind in "iufb"})
     return Arrays(dict(_flattened(content, "")), separator=".")
 
 

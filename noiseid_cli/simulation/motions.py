@@ -11,6 +11,7 @@ import numpy as np
 from noiseid_cli.errors import ModelError
 from noiseid_cli.models.compiled import CompiledModel
 from noiseid_cli.models.equations import Model
+from noiseid_cli.models.known_inputs import with_known_inputs
 from noiseid_cli.models.recording import Array
 from noiseid_cli.simulation import signals
 from noiseid_cli.simulation.robot_controller import RobotController, robot_reference
@@ -146,11 +147,11 @@ def _square(options: Square, model: Model, compiled: CompiledModel, samples: int
 
 
 def _zero(options: Zero, model: Model, compiled: CompiledModel, samples: int) -> Plan:
-    return _open_loop(compiled, np.zeros((samples, compiled.nu)))
+    return _open_loop(model, np.zeros((samples, len(model.driven_inputs))))
 
 
 def _multisine(options: Multisine, model: Model, compiled: CompiledModel, samples: int) -> Plan:
-    amplitude = _amplitude("multisine", options.amplitude, compiled)
+    amplitude = _amplitude("multisine", options.amplitude, model)
     limit = 0.5 / model.sample_time
     _require(
         0 < options.lowest <= options.highest < limit,
@@ -158,27 +159,29 @@ def _multisine(options: Multisine, model: Model, compiled: CompiledModel, sample
     )
     _require(options.lines >= 1, "multisine: lines must be at least 1.")
     time = model.sample_time * np.arange(samples, dtype=np.float64)
-    return _open_loop(compiled, signals.multisine(time, amplitude, options.lowest, options.highest, options.lines))
+    return _open_loop(model, signals.multisine(time, amplitude, options.lowest, options.highest, options.lines))
 
 
 def _steps(options: Steps, model: Model, compiled: CompiledModel, samples: int) -> Plan:
-    amplitude = _amplitude("steps", options.amplitude, compiled)
+    amplitude = _amplitude("steps", options.amplitude, model)
     _require(options.hold > 0, "steps: hold must be above 0 s.")
     return _open_loop(
-        compiled,
+        model,
         signals.steps(model.sample_time * np.arange(samples, dtype=np.float64), amplitude, options.hold),
     )
 
 
-def _open_loop(compiled: CompiledModel, u: Array) -> Plan:
-    return Plan(signals.Signal(np.ascontiguousarray(u)), np.zeros(compiled.nx))
+def _open_loop(model: Model, u: Array) -> Plan:
+    everything = with_known_inputs(model, np.ascontiguousarray(u), "the simulation")
+    return Plan(signals.Signal(everything), np.zeros(len(model.states)))
 
 
-def _amplitude(kind: str, amplitude: tuple[float, ...], compiled: CompiledModel) -> Array:
-    names = ", ".join(compiled.inputs) or "none"
+def _amplitude(kind: str, amplitude: tuple[float, ...], model: Model) -> Array:
+    inputs = model.driven_inputs
+    names = ", ".join(q.name for q in inputs) or "none"
     _require(
-        len(amplitude) == compiled.nu > 0,
-        f"{kind}: amplitude has {len(amplitude)} values; {compiled.name} has {compiled.nu} inputs: {names}.",
+        len(amplitude) == len(inputs) > 0,
+        f"{kind}: amplitude has {len(amplitude)} values; {model.name} has {len(inputs)} inputs: {names}.",
     )
     return np.array(amplitude, dtype=float)
 

@@ -106,7 +106,7 @@ ONE_MISTAKE = [
     ("name: flexible_robot", "nam: flexible_robot", "model.nam", "did you mean name?"),
     ("name: flexible_robot", "class: A", "model", "file is missing"),
     ("name: flexible_robot", "file: a.py", "model", "class is missing"),
-    ("name: flexible_robot", "name: a\n  file: a.py\n  class: A", "model", "either name, or file and class"),
+    ("name: flexible_robot", "name: a\n  file: a.py\n  class: A", "model", "give one of: name; file and class; linear"),
     ("samples: 4000", "samples: 1", "simulate.samples", "at least 2, not 1"),
     ("samples: 4000", 'samples: "4000"', "simulate.samples", "without quotes"),
     ("samples: 4000", "samples: 1:30", "simulate.samples", "give times in seconds"),

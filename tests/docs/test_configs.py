@@ -13,6 +13,7 @@ SHORT = {
                      "--set", "simulate.held_out.tests=1", "--set", "estimate.methods.alg3-full.max_passes=3"],
     "axelsson2011_replicates": ["--set", "simulate.samples=150", "--set", "simulate.replicates=2",
                                 "--set", "simulate.held_out.tests=1"],
+    "local_level": [],
     "quickstart": ["--set", "simulate.samples=150", "--set", "estimate.methods.em-plain.max_passes=4"],
     "sweep_test_length": ["--set", "sweep.axes.samples.values=[60, 80]", "--set", "simulate.replicates=1",
                           "--set", "sweep.axes.encoder.values=[1e-12]", "--set", "estimate.methods.em.max_passes=4"],

@@ -68,3 +68,11 @@ def test_every_command_of_the_readme_exists():
     )
     assert named
     assert named <= known
+
+
+def test_the_linear_model_of_the_readme_runs(tmp_path):
+    (tmp_path / "linear.yaml").write_text(blocks("yaml")[1])
+    ran = CliRunner().invoke(app, ["run", str(tmp_path / "linear.yaml"), "--out", str(tmp_path), "--quiet"])
+    assert ran.exit_code == 0, ran.output
+    shown = CliRunner().invoke(app, ["models", "show", str(tmp_path / "linear.yaml")])
+    assert "d w/dt = k·p + u1 + v1" in shown.output
