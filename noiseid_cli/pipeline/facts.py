@@ -52,7 +52,7 @@ def dataset_facts(context: Context, dataset: Dataset) -> DatasetFacts:
         notes=dataset.notes,
         times=tuple(r.time for r in dataset.recordings),
         performance_unit=units.pop() if len(units) == 1 else "",
-        held=_held(context),
+        held=_held(context) if len(dataset.recordings) == 1 else None,
     )
 
 

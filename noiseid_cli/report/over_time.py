@@ -129,7 +129,11 @@ def _curve(result: UnitResult, which: str, name: str) -> Array | None:
 
 
 def _constant_truth(result: UnitResult, name: str) -> float:
+    """True value of a parameter, or true variance of the noise of that name; NaN where it is not known."""
     names = [] if result.estimate.parameters is None else [n for n, _, _ in result.estimate.parameters.names]
-    if result.parameters_true is None or name not in names:
-        return float("nan")
-    return float(result.parameters_true[names.index(name)])
+    noises = [n for n, _, _ in result.noise_names]
+    if result.parameters_true is not None and name in names:
+        return float(result.parameters_true[names.index(name)])
+    if result.Q_true is not None and name in noises:
+        return float(np.diag(result.Q_true)[noises.index(name)])
+    return float("nan")

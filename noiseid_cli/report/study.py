@@ -49,7 +49,7 @@ class DatasetFacts:
         notes: what was done to the data on the way in, in sentences.
         times: per test, (N,) time of each sample, s; empty if not known: figures then count samples.
         performance_unit: unit of the path error; empty where there is none.
-        held: begin and end of a rest of the motion that the experiment asks for, s; None for none.
+        held: begin and end of a rest of the motion that the experiment asks for, s; None for none, or several tests.
     """
 
     name: str

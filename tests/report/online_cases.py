@@ -68,7 +68,7 @@ def curves(method, seed, with_truth=True):
         make("states_std", STATES, 0.01 + 0 * wave),
     ]
     if with_truth:
-        found += [make("parameters_true", UNKNOWNS, truth()), make("states_true", STATES, wave)]
+        found += [make("parameters_true", UNKNOWNS[1:], truth()[:, 1:]), make("states_true", STATES, wave)]
     return tuple(found)
 
 

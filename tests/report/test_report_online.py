@@ -126,7 +126,8 @@ def test_a_constant_truth_is_taken_from_the_result():
     found = track(constant, "m")
     assert (found.truth == 2.0).all()
     assert found.gate.all()
-    assert np.isnan(track(constant, "v_q").truth).all()
+    assert (track(constant, "v_q").truth == 1e-10).all()  # of the noise's variance
+    assert np.isnan(track(replace(constant, Q_true=None), "v_q").truth).all()
     assert track(constant, "none") is None
 
 
