@@ -84,24 +84,27 @@ def _draw_parameters(study: Study, units: list[UnitResult], names: list[str]) ->
 def _frame(axis: Axes, tracks: dict[str, Track], colours: dict[str, str]) -> None:
     """Limits of the method that moves least, and what leaves them; logarithmic where it moves over two decades."""
     ranges = {method: (float(np.nanmin(t.values)), float(np.nanmax(t.values))) for method, t in tracks.items()}
-    low, high = min(ranges.values(), key=lambda r: r[1] - r[0])
+    least_moved = min(ranges, key=lambda method: ranges[method][1] - ranges[method][0])
+    low, high = ranges[least_moved]
     truth = np.concatenate([t.truth[np.isfinite(t.truth)] for t in tracks.values()])
     if len(truth):
         low, high = min(low, float(truth.min())), max(high, float(truth.max()))
     if low > 0 and high > 100 * low:
         log_axis(axis, "y")
-        bottom, top = low / 2, high * 2
+        # A variance that touches its floor now and then would squeeze all the rest.
+        usual = float(np.nanquantile(tracks[least_moved].values, 0.1))
+        bottom, top = min([usual, *truth]) / 3, high * 2
     else:
         margin = 0.08 * (high - low) or 0.08 * abs(high) or 1.0
         bottom, top = low - margin, high + margin
     axis.set_ylim(bottom, top)
-    beyond = [(m, r) for m, r in ranges.items() if r[0] < bottom or r[1] > top]
-    for row, (method, (least, most)) in enumerate(beyond):
-        text = " ".join(
-            [f"↓ {least:.3g}"] * (least < bottom) + [f"↑ {most:.3g}"] * (most > top)
-        )  # fmt: skip
-        axis.text(0.99, 0.97 - 0.11 * row, text, transform=axis.transAxes, ha="right", va="top", size=7.5,
-                  color=colours[method])  # fmt: skip
+    place = 1.0
+    for method, (least, most) in ranges.items():
+        beyond = (("↓", least, least < bottom), ("↑", most, most > top))
+        text = " ".join(f"{arrow} {value:.3g}" for arrow, value, leaves in beyond if leaves)
+        if text:
+            axis.text(place, 1.03, text, transform=axis.transAxes, ha="right", size=7.5, color=colours[method])
+            place -= 0.035 * (len(text) + 1)
 
 
 def _shade(axis: Axes, span: tuple[float, float] | None, label: str | None = None) -> None:

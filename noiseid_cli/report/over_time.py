@@ -92,6 +92,11 @@ def tracked_names(units: list[UnitResult]) -> list[str]:
     return list(dict.fromkeys(name for s in found for name, _, _ in s.columns))
 
 
+def is_variance(result: UnitResult, name: str) -> bool:
+    """Whether an unknown is the variance of the process noise of that name."""
+    return name in [noise for noise, _, _ in result.noise_names]
+
+
 def change_times(units: list[UnitResult]) -> list[float]:
     """Times at which a true parameter jumps, s; points less than a hundredth of the time apart count as one."""
     times: list[float] = []

@@ -52,14 +52,14 @@ def test_each_unit_has_its_errors_in_the_long_table():
 
 def test_settling_starts_anew_where_the_truth_changes():
     t = track(cases.unit("sb-asrukf"), "mu")
-    expected = np.log(0.10 / (0.05 * 0.05))  # 0.05 + 0.10 exp(-t) within 5 % of 0.05
+    expected = np.log(0.10 / (0.1 * 0.05))  # 0.05 + 0.10 exp(-t) within 10 % of 0.05
     assert settling_time(t, 0.0, cases.CHANGE) == first_point_after(expected)
     # From the change on it stands for the 4 s of the hold, then moves from 0.05 to 0.10.
-    assert settling_time(t, cases.CHANGE) == first_point_after(4 + np.log(0.05 / 0.005))
+    assert settling_time(t, cases.CHANGE) == first_point_after(4 + np.log(0.05 / 0.01))
     table = tracking_table(cases.study())
     assert row(table, "sb-asrukf", "mu")["Settled"] == first_point_after(expected)
-    assert row(table, "sb-asrukf", "mu")["Settled from 8 s on"] == first_point_after(6.3026)
-    assert row(table, "asrukf", "v_q")["Settled"] == Missing("Half of the seeds or more do not stay within 5%")
+    assert row(table, "sb-asrukf", "mu")["Settled from 8 s on"] == first_point_after(5.6094)
+    assert row(table, "asrukf", "v_q")["Settled"] == Missing("Half of the seeds or more do not stay within 10%")
 
 
 def test_time_to_settle_of_made_up_errors():
@@ -71,10 +71,10 @@ def test_time_to_settle_of_made_up_errors():
     flat = np.zeros(401)
     assert settling_time(made(flat)) == 0.0
     late = flat.copy()
-    late[100] = -0.06
+    late[100] = -0.12
     assert settling_time(made(late)) == pytest.approx(cases.AT[101])
     assert settling_time(made(late), 5.05) == 0.0
-    late[400] = 0.06
+    late[400] = 0.12
     assert settling_time(made(late)) == np.inf
     assert settling_time(made(late), end=20.0) == pytest.approx(cases.AT[101])
     late[50] = np.nan
@@ -91,16 +91,20 @@ def test_drift_in_the_hold_and_the_way_back():
     assert free["Adapted"] == 100.0
     assert gated["Adapted"] == pytest.approx(100 / 61)  # the last of 61 points is the end of the hold itself
     assert gated["max"] == pytest.approx(0.5, abs=0.01)
-    assert gated["Settled after the hold"] == first_point_after(2.3026)
+    assert gated["Settled after the hold"] == first_point_after(1.6094)
     assert hold_table(cases.study(held=None)) is None
 
 
 def test_sentences_say_what_the_tables_hold():
-    said = tracking_sentences(cases.study())
-    assert said[0].startswith("asrukf: 2 of 3 unknowns end within 5% of the truth on average over 3 seeds; the largest")
-    assert "+900 %, of v_q" in said[0]
-    assert said[1] == "asrukf: while the motion is held, mu reaches 60.9 to 181 times its truth (3 seeds)."
-    assert said[3] == "sb-asrukf: while the motion is held, v_q reaches 10.3 to 10.3 times its truth (3 seeds)."
+    ends = "2 of 2 parameters end within 10% of the truth on average over 3 seeds"
+    assert tracking_sentences(cases.study()) == [
+        f"asrukf: {ends}; the largest bias is -4.01 %, of mu.",
+        "asrukf: of the variances, that of v_q at 10 times its truth on average.",
+        "asrukf: while the motion is held, mu reaches 60.9 to 181 times its truth (3 seeds).",
+        f"sb-asrukf: {ends}; the largest bias is +3 %, of m.",
+        "sb-asrukf: of the variances, that of v_q at 10 times its truth on average.",
+        "sb-asrukf: while the motion is held, m reaches 1.02 to 1.04 times its truth (3 seeds).",
+    ]
     failed = cases.study([cases.unit("asrukf", status="diverged")])
     assert tracking_sentences(failed) == ["asrukf: none of 1 seeds converged."]
     assert row(tracking_table(failed), "asrukf", "mu")["Bias"] == Missing("No seed converged")
