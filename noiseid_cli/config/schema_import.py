@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, Strict, WithJsonSchema, field_validator, model_validator
 
-from noiseid_cli.config.base import Base, Label, NotNegative, Positive, Text, Whole, refuse, unique
+from noiseid_cli.config.base import Base, Label, NotNegative, Positive, Text, Whole, WholeFrom2, refuse, unique
 
 _COLUMN_DESCRIPTION = "name of the column (or variable), or its number from 1"
 
@@ -140,6 +140,21 @@ class OnProblem(Base):
     )
 
 
+def _factor(value: Any) -> Any:
+    """Take ``decimate: 4`` for ``{factor: 4}``."""
+    return {"factor": value} if isinstance(value, int | float) and not isinstance(value, bool) else value
+
+
+class Decimate(Base):
+    """A longer sample time: one sample for so many; inputs are averaged over the longer intervals."""
+
+    factor: WholeFrom2 = Field(description="one sample is kept of so many, at least 2")
+    outputs: Literal["pick", "average"] = Field(
+        default="pick",
+        description="pick every such sample, which leaves its noise alone, or average the samples of each block",
+    )
+
+
 class Import(Base):
     """Make datasets from recordings of a real system."""
 
@@ -152,6 +167,9 @@ class Import(Base):
     time: Time | None = Field(default=None, description="time axis common to all recordings")
     inputs: Columns = Field(default={}, description="column of each model input, common to all recordings")
     outputs: Columns = Field(default={}, description="column of each model output, common to all recordings")
+    decimate: Annotated[Decimate, BeforeValidator(_factor, json_schema_input_type=int | Decimate)] | None = Field(
+        default=None, description="a longer sample time: a factor, or {factor, outputs}; inputs are averaged"
+    )
     on_problem: OnProblem = Field(default=OnProblem(), description="what to do about faults in the recordings")
     gap_factor: Annotated[float, Field(gt=1)] = Field(
         default=3.0, description="an interval longer than this many nominal ones is a gap, no unit"

@@ -79,7 +79,7 @@ def _simulate(context: Context, unit: DatasetUnit) -> Dataset:
 def _import(context: Context, unit: DatasetUnit) -> Dataset:
     from noiseid_cli.models.known_inputs import with_known_inputs
     from noiseid_cli.recordings import import_recordings
-    from noiseid_cli.recordings.options import ColumnMap, ProblemPolicy, RecordingSource, TimeMap
+    from noiseid_cli.recordings.options import ColumnMap, Decimation, ProblemPolicy, RecordingSource, TimeMap
 
     section = context.experiment.import_
     assert section is not None
@@ -113,12 +113,13 @@ def _import(context: Context, unit: DatasetUnit) -> Dataset:
         interval_tolerance=section.interval_tolerance,
         nominal_interval=section.nominal_interval,
     )
+    decimation = None if section.decimate is None else Decimation(**section.decimate.model_dump())
     model = context.model
     inputs, outputs, states = (
         tuple((q.name, q.unit, q.description) for q in group)
         for group in (model.driven_inputs, model.outputs, model.states)
     )
-    dataset = import_recordings(unit.own_name, sources, policy, model.name, inputs, outputs)
+    dataset = import_recordings(unit.own_name, sources, policy, model.name, inputs, outputs, decimation)
     recordings = tuple(replace(r, u=with_known_inputs(model, r.u, f"test {r.name!r}")) for r in dataset.recordings)
     inputs = tuple((q.name, q.unit, q.description) for q in model.inputs)
     return replace(dataset, recordings=recordings, inputs=inputs, states=states)

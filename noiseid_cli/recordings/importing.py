@@ -12,8 +12,9 @@ from noiseid_cli.errors import DataError
 from noiseid_cli.models.recording import Dataset, Recording
 from noiseid_cli.recordings.cells import Series, make_series
 from noiseid_cli.recordings.clock import bridge_gaps, even_intervals, nominal_interval, order_stamps
+from noiseid_cli.recordings.decimation import decimate
 from noiseid_cli.recordings.faults import Findings, counted
-from noiseid_cli.recordings.options import ColumnMap, ProblemPolicy, RecordingSource
+from noiseid_cli.recordings.options import ColumnMap, Decimation, ProblemPolicy, RecordingSource
 from noiseid_cli.recordings.readers import read_table
 
 Quantities = tuple[tuple[str, str, str], ...]
@@ -26,6 +27,7 @@ def import_recordings(
     model_name: str,
     input_quantities: Quantities,
     output_quantities: Quantities,
+    decimation: Decimation | None = None,
 ) -> Dataset:
     """Make one dataset of log files.
 
@@ -35,6 +37,7 @@ def import_recordings(
         policy: what to do about faults.
         model_name: name of the model.
         input_quantities, output_quantities: (name, unit, description) of the model's inputs and outputs, in order.
+        decimation: a longer sample time; None keeps every sample.
 
     Returns:
         The dataset; its notes say what was done to the data.
@@ -55,6 +58,8 @@ def import_recordings(
         series = make_series(source, read_table(source, columns), policy, findings)
         recordings += _recordings(series, policy, findings)
     findings.raise_if_faulty(name)
+    if decimation is not None and decimation.factor > 1:
+        recordings = [decimate(recording, decimation, findings) for recording in recordings]
     for recording in recordings:
         if recording.samples < 2:
             count = counted(recording.samples, "sample")

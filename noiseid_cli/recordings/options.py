@@ -99,3 +99,16 @@ class ProblemPolicy:
     gap_factor: float = 3.0
     interval_tolerance: float = 0.01
     nominal_interval: float | None = None
+
+
+@dataclass(frozen=True)
+class Decimation:
+    """A longer sample time made of the recorded one.
+
+    Attributes:
+        factor: one sample is kept of so many; 1 keeps all.
+        outputs: ``pick`` the output of every such sample, or ``average`` the outputs of each block.
+    """
+
+    factor: int = 1
+    outputs: Literal["pick", "average"] = "pick"
