@@ -77,6 +77,7 @@ def _simulate(context: Context, unit: DatasetUnit) -> Dataset:
 
 
 def _import(context: Context, unit: DatasetUnit) -> Dataset:
+    from noiseid_cli.diagnostics.data_properties import data_warnings
     from noiseid_cli.models.known_inputs import with_known_inputs
     from noiseid_cli.recordings import import_recordings
     from noiseid_cli.recordings.options import ColumnMap, Decimation, ProblemPolicy, RecordingSource, TimeMap
@@ -122,4 +123,5 @@ def _import(context: Context, unit: DatasetUnit) -> Dataset:
     dataset = import_recordings(unit.own_name, sources, policy, model.name, inputs, outputs, decimation)
     recordings = tuple(replace(r, u=with_known_inputs(model, r.u, f"test {r.name!r}")) for r in dataset.recordings)
     inputs = tuple((q.name, q.unit, q.description) for q in model.inputs)
-    return replace(dataset, recordings=recordings, inputs=inputs, states=states)
+    notes = (*dataset.notes, *data_warnings(dataset))
+    return replace(dataset, recordings=recordings, inputs=inputs, states=states, notes=notes)

@@ -37,6 +37,7 @@ def make_estimate(context: Context, unit: EstimateUnit, progress: Progress | Non
         DataError: the dataset is missing or damaged.
         EstimationError: the problem cannot be posed.
     """
+    from noiseid_cli.diagnostics.data_properties import rounding_warnings
     from noiseid_cli.storage.result_file import write_result
 
     began = time.perf_counter()
@@ -60,7 +61,12 @@ def make_estimate(context: Context, unit: EstimateUnit, progress: Progress | Non
         estimate, dataset = fit_without_outliers(fit, lambda e: _model_at(context, e), dataset, gate)
     structure = section.process_noise.structure
     words = structure if isinstance(structure, str) else "blocks"
-    estimate = replace(estimate, settings={"structure": words, **estimate.settings})
+    warned = rounding_warnings(dataset, estimate.final.R) if unit.dataset.recordings else []
+    estimate = replace(
+        estimate,
+        settings={"structure": words, **estimate.settings},
+        safeguards=(*estimate.safeguards, *warned),
+    )
     candidates = {"start": start, "estimate": estimate.final}
     if dataset.Q_true is not None and dataset.R_true is not None:
         candidates["truth"] = NoiseValues(dataset.Q_true, dataset.R_true, start.m0, start.P0)

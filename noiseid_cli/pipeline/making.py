@@ -86,7 +86,7 @@ def make(context: Context, unit: Unit, listener: Listener) -> Token:
     try:
         with kernels_announced(listener.say):
             if isinstance(unit, DatasetUnit):
-                message, status = _make_dataset(context, unit), ""
+                message, status = _make_dataset(context, unit, listener), ""
             else:
                 message, status = _make_estimate(context, unit, listener)
     except NoiseidError as error:
@@ -94,10 +94,15 @@ def make(context: Context, unit: Unit, listener: Listener) -> Token:
     return Token(unit.name, unit.path, "made", message, status, time.perf_counter() - began)
 
 
-def _make_dataset(context: Context, unit: DatasetUnit) -> str:
+def _make_dataset(context: Context, unit: DatasetUnit, listener: Listener) -> str:
+    from noiseid_cli.diagnostics.data_properties import data_warnings
     from noiseid_cli.pipeline.datasets import make_dataset
 
-    recordings = make_dataset(context, unit).recordings
+    dataset = make_dataset(context, unit)
+    if unit.recordings:
+        for warning in data_warnings(dataset):
+            listener.say(f"{unit.name}: {warning}")
+    recordings = dataset.recordings
     return f"{counted(len(recordings), 'test')}, {counted(sum(r.samples for r in recordings), 'sample')}"
 
 
