@@ -20,6 +20,9 @@ from noiseid_cli.models.recording import Array, Recording
 
 # First step, and the share of a standard error that a step is after the first look.
 FIRST, SHARE = 1e-4, 0.05
+# Eigenvalues of the information, scaled to a unit diagonal: below the first a direction is open, and a coordinate with
+# more than this share in it; below minus the last the point is no maximum. PLAIN is next to no curvature at all.
+OPEN, TOUCHED, UPHILL, PLAIN = 1e-9, 1e-3, 1e-4, 1e-3
 # A coordinate that the data determines no better than this has no use for longer steps.
 LONGEST = 0.3
 
@@ -41,7 +44,7 @@ class Information:
     passes: int
 
     def covariance(self) -> Array:
-        """(d, d) inverse; rows of coordinates that the data leaves open (no curvature) are NaN."""
+        """(d, d) inverse; rows of coordinates that the data leave open (no curvature) are NaN."""
         out = np.full_like(self.matrix, np.nan)
         d = np.diag(self.matrix)
         open_ = ~(np.isfinite(d) & (d > 0.0))
@@ -50,10 +53,24 @@ class Information:
             return out
         s = 1.0 / np.sqrt(d[kept])
         scaled = self.matrix[np.ix_(kept, kept)] * np.outer(s, s)
-        if not np.all(np.isfinite(scaled)) or np.linalg.eigvalsh(scaled)[0] <= kept.size * 1e-12:
+        if not np.all(np.isfinite(scaled)):
             return out
-        out[np.ix_(kept, kept)] = np.linalg.inv(scaled) * np.outer(s, s)
+        values, vectors = np.linalg.eigh(scaled)
+        seen = values > OPEN
+        # A coordinate that an open direction moves is open itself.
+        known = ~np.any(np.abs(vectors[:, ~seen]) > TOUCHED, axis=1)
+        inverse = (vectors[:, seen] / values[seen]) @ vectors[:, seen].T * np.outer(s, s)
+        out[np.ix_(kept[known], kept[known])] = inverse[np.ix_(known, known)]
         return out
+
+    def uphill(self) -> Array | None:
+        """(d,) a direction in which the log-likelihood curves upward, as at no maximum; None if there is none."""
+        d = np.abs(np.diag(self.matrix))
+        if not np.all(np.isfinite(self.matrix)) or self.matrix.size == 0:
+            return None
+        s = 1.0 / np.sqrt(np.maximum(d, PLAIN))
+        values, vectors = np.linalg.eigh(self.matrix * np.outer(s, s))
+        return vectors[:, 0] * s if values[0] < -UPHILL else None
 
 
 def observed_information(

@@ -1,0 +1,301 @@
+"""Direct maximum likelihood: any mix of Q, R, m0, P0 and model parameters, by the extended Kalman filter's gradient.
+
+A few passes of EM lead the noise to the scale of the data, a quasi-Newton climb finds the maximum, and the observed
+information there proves it: its Newton step must promise next to nothing. The same information gives standard errors.
+
+Measured, seconds on one core, flexible robot of 8 states and 4000 samples: a run of the filter 0.015, the reverse run
+that gives the exact gradient 0.022 whatever the number of unknowns, a pass of EM 0.039; differences need 2 d + 1 runs.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from noiseid_cli.errors import EstimationError
+from noiseid_cli.estimators import em
+from noiseid_cli.estimators.coordinates import Coordinates
+from noiseid_cli.estimators.data_check import check_data
+from noiseid_cli.estimators.ends import false_end
+from noiseid_cli.estimators.estimate import Columns, Estimate, Parameters, Progress, Series, Status
+from noiseid_cli.estimators.likelihood import Likelihood, Point
+from noiseid_cli.estimators.observed_information import Information, information_at
+from noiseid_cli.estimators.profile_likelihood import arranged, profile
+from noiseid_cli.estimators.quasi_newton import Climb, climb
+from noiseid_cli.estimators.unknowns import ParameterUnknowns, Unknowns
+from noiseid_cli.filters.ekf import extended_kalman_filter
+from noiseid_cli.models.compiled import CompiledModel
+from noiseid_cli.models.noise import NoiseValues
+from noiseid_cli.models.recording import Array, Recording
+
+# Climbs, each from the Newton step of the last one's information.
+ROUNDS = 4
+# Length of a step away from a saddle, in standard errors by its curvature.
+SIDE = 0.3
+# A parameter is at its bound within this share of the way from its start.
+AT_BOUND = 1e-5
+
+
+@dataclass(frozen=True)
+class MlOptions:
+    """Options of ``estimate``.
+
+    Attributes:
+        gradient: ``exact`` (reverse derivatives) or ``differences`` (central ones).
+        em_passes: passes of EM before the climb, for the unknown noise; model parameters stay at their start there.
+        max_passes: give up after so many runs over the data, EM's and those for the information among them.
+        loglik_tolerance: at the end the Newton step must promise at most this.
+        profile: unknown whose profile likelihood is wanted: a model parameter, or a noise, output or state, for its
+            standard deviation. None: no profile.
+        points: number of points of the profile.
+        span: standard errors that the profile reaches to both sides.
+    """
+
+    gradient: Literal["exact", "differences"] = "exact"
+    em_passes: int = 5
+    max_passes: int = 1000
+    loglik_tolerance: float = 1e-3
+    profile: str | None = None
+    points: int = 15
+    span: float = 3.0
+
+
+@dataclass
+class _End:
+    """Where a search ended: the climb, the information there, and how it came out."""
+
+    climb: Climb
+    information: Information
+    status: Status
+    reason: str
+
+
+def estimate(
+    model: CompiledModel,
+    recordings: Sequence[Recording],
+    start: NoiseValues,
+    unknowns: Unknowns,
+    parameters: ParameterUnknowns | None = None,
+    declared: Columns = (),
+    options: MlOptions | None = None,
+    progress: Progress | None = None,
+) -> Estimate:
+    """Identify noise values and model parameters by maximum likelihood.
+
+    Args:
+        model: the compiled model.
+        recordings: the tests; lengths, intervals and missing outputs may differ.
+        start: noise values to start from; known parts stay as they are.
+        unknowns: what is estimated of them, with its structure.
+        parameters: the model parameters that are estimated, with their bounds.
+        declared: name, unit and description of each of ``model.parameters``; needed where parameters are estimated.
+        options: see ``MlOptions``.
+        progress: called after each pass.
+
+    Returns:
+        The estimate; ``parameters`` holds the model parameters with standard errors.
+
+    Raises:
+        EstimationError: the problem cannot be posed.
+        FilterDivergedError: the filter fails at the start itself.
+    """
+    options = options or MlOptions()
+    began = time.perf_counter()
+    coordinates = _pose(model, recordings, start, unknowns, parameters or ParameterUnknowns(), declared)
+    wanted = None
+    if options.profile is not None:
+        coordinates, wanted = arranged(coordinates, options.profile)
+    likelihood = Likelihood(coordinates, recordings, options.gradient, progress)
+    at_start = coordinates.unpack(coordinates.pack(start, coordinates.parameters.start))[1]
+    loglik_start = sum(extended_kalman_filter(at_start, r, start, i).loglik for i, r in enumerate(recordings))
+    warm = _warm_start(coordinates, at_start, recordings, options, progress)
+    likelihood.passes = 1 + (0 if warm is None else warm.passes)
+    noise = start if warm is None else warm.final
+    end = _search(likelihood, coordinates.pack(noise, coordinates.parameters.start), options)
+    trace = _trace(coordinates, warm, likelihood.visited)
+    series: tuple[Series, ...] = ()
+    if wanted is not None and end.status == "converged":
+        series = (profile(likelihood, end.climb.point, end.information, wanted, options.points, options.span),)
+    final, _ = coordinates.unpack(end.climb.point.z)
+    return Estimate(
+        method="ml",
+        status=end.status,
+        reason=end.reason,
+        start=start,
+        final=final,
+        loglik_start=float(loglik_start),
+        loglik=end.climb.point.loglik,
+        passes=likelihood.passes,
+        seconds=time.perf_counter() - began,
+        trace=trace,
+        safeguards=tuple(_safeguards(likelihood, end, options)),
+        settings={name: "none" if value is None else value for name, value in asdict(options).items()},
+        parameters=_parameters(coordinates, end, declared),
+        series=series,
+    )
+
+
+def _pose(
+    model: CompiledModel,
+    recordings: Sequence[Recording],
+    start: NoiseValues,
+    unknowns: Unknowns,
+    parameters: ParameterUnknowns,
+    declared: Columns,
+) -> Coordinates:
+    """The coordinates of the problem, refused where it has no answer."""
+    check_data(model, recordings, steps_needed=unknowns.Q is not None)
+    places = [name for name, _, _ in declared]
+    for name in parameters.names:
+        if name not in places:
+            raise EstimationError(
+                f"{name} is not a parameter of {model.name}: {', '.join(places) or 'none is declared'}"
+            )
+    coordinates = Coordinates(unknowns, start, model, parameters, tuple(places.index(n) for n in parameters.names))
+    if coordinates.has_noise or not len(parameters):
+        unknowns.check(start)
+    return coordinates
+
+
+def _warm_start(
+    coordinates: Coordinates,
+    model: CompiledModel,
+    recordings: Sequence[Recording],
+    options: MlOptions,
+    progress: Progress | None,
+) -> Estimate | None:
+    """A few passes of EM over the noise, with the filter's own linearisation, whose maximum is the likelihood's."""
+    if options.em_passes == 0 or not coordinates.has_noise:
+        return None
+    em_options = em.EmOptions(linearisation="filtered", max_passes=options.em_passes)
+    return em.estimate(model, recordings, coordinates.start, coordinates.unknowns, em_options, progress)
+
+
+def _search(likelihood: Likelihood, z: Array, options: MlOptions) -> _End:
+    """Climb, look at the information, go its Newton step; until that promises nothing."""
+    point = likelihood.point(z)
+    if not np.isfinite(point.loglik):
+        raise EstimationError(f"no log-likelihood at the start: {likelihood.failures[-1]}")
+    if not np.all(np.isfinite(point.gradient)):
+        raise EstimationError("the filter fails next to the start, so that no slope can be had there; start elsewhere")
+    inverse = None
+    for turn in range(ROUNDS):
+        found = climb(likelihood, point, inverse, full=lambda: likelihood.passes >= options.max_passes)
+        information = information_at(likelihood, found.point.z)
+        newton, inverse = _newton(information, found)
+        promise = 0.5 * float(found.point.gradient @ newton)
+        uphill = information.uphill()
+        end = Climb(found.point, inverse, promise, float(np.max(np.abs(newton), initial=0.0)), found.stop)
+        if found.stop == "full":
+            break
+        sides = [newton] if uphill is None else [SIDE * uphill, -SIDE * uphill]
+        tried = [likelihood.point(found.point.z + side) for side in sides]
+        point = max([found.point, *tried], key=lambda p: p.loglik)
+        if uphill is None and promise <= options.loglik_tolerance:
+            end = replace(end, point=point)
+            break
+        if point is found.point or turn == ROUNDS - 1:
+            break
+    return _End(end, information, *_verdict(likelihood, end, information, options))
+
+
+def _newton(information: Information, found: Climb) -> tuple[Array, Array]:
+    """(d,) Newton step over what the data determine, and (d, d) inverse information for a further climb."""
+    covariance = information.covariance()
+    newton = np.where(np.isfinite(covariance), covariance, 0.0) @ found.point.gradient
+    open_ = np.isnan(np.diag(covariance))
+    covariance[open_], covariance[:, open_] = 0.0, 0.0
+    covariance[open_, open_] = np.diag(found.inverse)[open_]
+    return newton, covariance
+
+
+def _verdict(likelihood: Likelihood, end: Climb, information: Information, options: MlOptions) -> tuple[Status, str]:
+    """How the search came out, in a word and in a sentence."""
+    c = likelihood.coordinates
+    noise, model = c.unpack(end.point.z)
+    passes = f"after {likelihood.passes} passes"
+    if end.stop == "full":
+        return "max_passes", f"{likelihood.passes} passes were not enough: the climb still promises {end.promise:.2g}"
+    gone = c.unknowns.gone(noise)
+    if gone:
+        return "stalled_fixed_point", (
+            f"{passes} a standard deviation of {gone} has gone to zero: zero is its answer, or the start is too far "
+            "off; start nearer to the data's scale, take more em_passes, or give it as known"
+        )
+    low = false_end(model, likelihood.recordings, c.unknowns, noise, end.point.loglik)
+    if low:
+        return "stalled_fixed_point", (
+            f"{passes} the climb is on a plain, but a much greater {low} has the greater likelihood: "
+            "start from a greater one, or take more em_passes"
+        )
+    if end.promise > options.loglik_tolerance or information.uphill() is not None:
+        return "numerical", (
+            f"{passes} no step raises the log-likelihood, though its slope promises {end.promise:.2g}: "
+            "it is jagged there, or not the filter's best side; another start tells"
+        )
+    return "converged", (
+        f"{passes} the Newton step of the observed information promises {max(end.promise, 0.0):.2g} of log-likelihood "
+        f"and changes no coordinate by more than {end.step:.2g}"
+    )
+
+
+def _parameters(coordinates: Coordinates, end: _End, declared: Columns) -> Parameters | None:
+    """The model parameters with standard errors by the delta method; NaN at a bound or where the data say nothing."""
+    p = len(coordinates.parameters)
+    if p == 0:
+        return None
+    value, by = coordinates.values(end.climb.point.z)
+    variance = np.diag(end.information.covariance())[-p:]
+    with np.errstate(invalid="ignore"):
+        errors = np.where(_at_bound(coordinates, value) != "", np.nan, np.sqrt(variance) * np.abs(by))
+    names = tuple(declared[i] for i in coordinates.at)
+    return Parameters(names, coordinates.parameters.start, value, errors)
+
+
+def _at_bound(coordinates: Coordinates, value: Array) -> np.ndarray[tuple[int], np.dtype[np.str_]]:
+    """(p,) ``lower`` or ``upper`` where a parameter has run to its bound, empty elsewhere."""
+    u = coordinates.parameters
+    low = value - u.lower < AT_BOUND * (u.start - u.lower)
+    high = u.upper - value < AT_BOUND * (u.upper - u.start)
+    return np.where(np.isfinite(u.lower) & low, "lower", np.where(np.isfinite(u.upper) & high, "upper", ""))
+
+
+def _trace(coordinates: Coordinates, warm: Estimate | None, visited: Sequence[Point]) -> dict[str, Array]:
+    """EM's passes, then each point of the climb; a point is accepted where it is the best so far."""
+    before = {} if warm is None else warm.trace
+    loglik = np.array([p.loglik for p in visited])
+    noises = [coordinates.unpack(p.z)[0] for p in visited]
+    best = np.concatenate(([-np.inf], np.maximum.accumulate(loglik)[:-1]))
+    parts = {
+        "loglik": loglik,
+        "Q": np.array([n.Q for n in noises]),
+        "R": np.array([n.R for n in noises]),
+        "accepted": (loglik >= best).astype(np.float64),
+    }
+    return {name: np.concatenate([before[name], part]) if before else part for name, part in parts.items()}
+
+
+def _safeguards(likelihood: Likelihood, end: _End, options: MlOptions) -> list[str]:
+    """Each safeguard that acted and each warning about the end, in a sentence."""
+    out = []
+    c = likelihood.coordinates
+    if likelihood.failures:
+        out.append(
+            f"at {len(likelihood.failures)} points that were tried the filter fails: first, {likelihood.failures[0]}"
+        )
+    if options.gradient == "exact" and not likelihood.exact:
+        out.append("the model has no exact gradient with this discretisation: central differences took its place")
+    value, _ = c.values(end.climb.point.z)
+    for name, side in zip(c.parameters.names, _at_bound(c, value), strict=True):
+        if side:
+            out.append(f"{name} has run to its {side} bound: it has no standard error there")
+    open_ = [
+        n for n, v in zip(end.information.names, np.diag(end.information.covariance()), strict=True) if np.isnan(v)
+    ]
+    if open_:
+        out.append(f"the data do not determine {', '.join(open_)}: the log-likelihood has no maximum in it")
+    return out
