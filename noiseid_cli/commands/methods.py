@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from noiseid_cli.commands.console import answer, answer_json, guarded, width
 from noiseid_cli.commands.options import Json
-from noiseid_cli.commands.text import facts, filled
+from noiseid_cli.commands.text import facts, filled, table
 
 
 @guarded
 def methods(json: Json = False) -> None:
     """List the methods: what each estimates, its options, its source."""
-    from noiseid_cli.config.methods import METHOD_OPTIONS
+    from noiseid_cli.config.methods import KINDS, METHOD_OPTIONS, STRUCTURES
 
-    table = {
+    found = {
         name: {
             "summary": options.summary,
             "estimates": options.estimates,
+            "unknowns": [kind for kind in KINDS if kind in options.can],
+            "structures": [word for word in STRUCTURES if word in options.structures],
             "options": {
                 field: {"default": info.default, "description": info.description}
                 for field, info in options.model_fields.items()
@@ -26,10 +28,11 @@ def methods(json: Json = False) -> None:
         for name, options in METHOD_OPTIONS.items()
     }
     if json:
-        answer_json(table)
+        answer_json(found)
         return
-    for number, (name, options) in enumerate(METHOD_OPTIONS.items()):
-        answer(filled(f"{name}: {options.summary}", width(), "" if number == 0 else "\n", "  "))
+    _overview()
+    for name, options in METHOD_OPTIONS.items():
+        answer(filled(f"{name}: {options.summary}", width(), "\n", "  "))
         pairs = [("estimates", options.estimates), ("options", "")]
         pairs += [
             (f"  {field}", f"{info.description} (default {_short(info.default)})")
@@ -38,6 +41,20 @@ def methods(json: Json = False) -> None:
         ]
         for line in facts([*pairs, ("source", options.citation)], width(), "  "):
             answer(line)
+
+
+def _overview() -> None:
+    """Method by kind of unknown and structure of the process noise."""
+    from noiseid_cli.config.methods import KINDS, METHOD_OPTIONS, STRUCTURES
+
+    rows = []
+    for name, options in METHOD_OPTIONS.items():
+        marks = ("yes" if kind in options.can else "-" for kind in KINDS)
+        words = [word for word in STRUCTURES if word in options.structures]
+        rows.append((name, *marks, "all" if len(words) == len(STRUCTURES) else ", ".join(words)))
+    for line in table(("method", *KINDS, "structures of Q"), rows, width(), ""):
+        answer(line)
+    answer(filled(f"All structures: {', '.join(STRUCTURES)}.", width(), "\n"))
 
 
 def _short(default: object) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from noiseid_cli.config.check_methods import refusal
 from noiseid_cli.config.check_noise import check_choice, check_unit
 from noiseid_cli.config.check_simulate import check_simulate
 from noiseid_cli.config.document import Path
@@ -92,6 +93,9 @@ def _check_estimate(findings: Findings, estimate: Estimate, model: ModelNames) -
     for name in estimate.parameters:
         if name not in model.parameters:
             findings.unknown(("estimate", "parameters", name), name, model.parameters, "parameters")
+    for label, options in estimate.methods.items():
+        if why := refusal(options, estimate):
+            findings.add(("estimate", "methods", label), why)
     choices = [getattr(estimate, name) for name, _, _ in noises]
     if not estimate.parameters and all(choice.start is None for choice in [*choices, estimate.initial_mean]):
         findings.add(("estimate",), "nothing is left to estimate: all is known; give a start in place of a known")

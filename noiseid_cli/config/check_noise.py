@@ -47,11 +47,15 @@ def check_choice(add: Add, path: Path, choice: CovarianceChoice, names: Sequence
     here = (*path, "start", choice.start.form)
     matrix = choice.start.matrix()
     _check_structure(add, here, matrix, choice, names)
+    for i, group in enumerate(choice.tied):
+        variances = {float(matrix[names.index(name), names.index(name)]) for name in group}
+        if len(variances) > 1:
+            add((*path, "tied", i), f"{', '.join(group)} are tied, but start at different variances: give them one")
     _check_definite(add, here, matrix, names)
 
 
 def _check_names(add: Add, path: Path, choice: CovarianceChoice, names: Sequence[str], what: str) -> bool:
-    """Check the names in ``structure`` and ``fixed``."""
+    """Check the names in ``structure``, ``fixed`` and ``tied``."""
     used: list[tuple[Path, str]] = []
     if isinstance(choice.structure, Blocks):
         for i, block in enumerate(choice.structure.blocks):
@@ -61,6 +65,8 @@ def _check_names(add: Add, path: Path, choice: CovarianceChoice, names: Sequence
             used.append(((*path, "fixed", i), entry))
         else:
             used += [((*path, "fixed", i, j), name) for j, name in enumerate(entry)]
+    for i, group in enumerate(choice.tied):
+        used += [((*path, "tied", i, j), name) for j, name in enumerate(group)]
     unknown = [(place, name) for place, name in used if name not in names]
     for place, name in unknown:
         add(place, f"{name} is not one of the model's {what}: {', '.join(names)}{did_you_mean(name, names)}")

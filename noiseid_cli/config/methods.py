@@ -6,7 +6,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
-from noiseid_cli.config.base import Base, Count, NotNegative, Positive, refuse
+from noiseid_cli.config.base import Base, Count, NotNegative, Positive, Text, WholeFrom0, refuse
 from noiseid_cli.config.suggest import did_you_mean
 
 KINDS = {
@@ -18,6 +18,9 @@ KINDS = {
 }
 """Every kind of unknown, with its place in the ``estimate`` section."""
 
+STRUCTURES = ("full", "diagonal", "blocks", "scale", "fixed", "tied")
+"""Every structure of an unknown covariance."""
+
 
 class MethodOptions(Base):
     """What every method has: its name. A subclass gives ``method`` its one value.
@@ -27,12 +30,14 @@ class MethodOptions(Base):
         estimates: which unknowns it can estimate.
         citation: the paper it is from.
         can: the kinds of unknown that it can estimate, of ``KINDS``.
+        structures: the structures of the process noise's covariance that it takes, of ``STRUCTURES``.
     """
 
     summary: ClassVar[str] = ""
     estimates: ClassVar[str] = ""
     citation: ClassVar[str] = ""
     can: ClassVar[frozenset[str]] = frozenset()
+    structures: ClassVar[frozenset[str]] = frozenset(STRUCTURES)
 
     method: str = Field(description="the method; default: the label it stands under")
     structure: Literal["full", "diagonal", "scale"] | None = Field(
@@ -46,7 +51,7 @@ class EmOptions(MethodOptions):
     summary: ClassVar[str] = (
         "expectation maximisation with an extended (or unscented, cubature) Kalman smoother, accelerated by SQUAREM"
     )
-    estimates: ClassVar[str] = "Q, R, m0, P0 (full, diagonal, blocks, scale, entries held)"
+    estimates: ClassVar[str] = "Q, R, m0, P0 (full, diagonal, blocks, scale, entries held or tied)"
     citation: ClassVar[str] = (
         "P. Axelsson, U. Orguner, F. Gustafsson, M. Norrlof: ML estimation of process noise variance in dynamic "
         "systems, poster, 2011 (EM with an extended Kalman smoother)"
@@ -112,6 +117,7 @@ class Alg2Options(MethodOptions):
     estimates: ClassVar[str] = "Q (diagonal)"
     citation: ClassVar[str] = EmOptions.citation.replace("EM with an extended Kalman smoother", "Alg. 2")
     can: ClassVar[frozenset[str]] = frozenset({"Q"})
+    structures: ClassVar[frozenset[str]] = frozenset({"diagonal"})
 
     method: Literal["alg2"] = Field(
         default="alg2", description="minimisation of the path error; default: the label it stands under"
@@ -135,7 +141,7 @@ class Alg3Options(MethodOptions):
     """Iterative covariance of the noise that the smoothed states imply."""
 
     summary: ClassVar[str] = "iterative sample covariance of the noise that the smoothed states imply; biased low"
-    estimates: ClassVar[str] = "Q (full, diagonal, blocks, scale, entries held)"
+    estimates: ClassVar[str] = "Q (full, diagonal, blocks, scale, entries held or tied)"
     citation: ClassVar[str] = EmOptions.citation.replace("EM with an extended Kalman smoother", "Alg. 3")
     can: ClassVar[frozenset[str]] = frozenset({"Q"})
 
@@ -151,7 +157,51 @@ class Alg3Options(MethodOptions):
     )
 
 
-METHOD_OPTIONS: dict[str, type[MethodOptions]] = {"em": EmOptions, "alg2": Alg2Options, "alg3": Alg3Options}
+class ProfileChoice(Base):
+    """Which profile likelihood is wanted."""
+
+    unknown: Text = Field(description="a model parameter; or a noise, output or state, for its standard deviation")
+    points: Annotated[int, Field(ge=3, le=201)] = Field(default=15, description="number of values, rounded up to odd")
+    span: Positive = Field(default=3.0, description="distance of the outermost from the maximum, in standard errors")
+
+
+class MlOptions(MethodOptions):
+    """Direct maximum likelihood of any mix of unknowns, model parameters among them."""
+
+    summary: ClassVar[str] = (
+        "direct maximum likelihood: quasi-Newton on the exact gradient of the extended Kalman filter's log-likelihood"
+    )
+    estimates: ClassVar[str] = "Q, R, m0, P0 (full, diagonal, blocks, scale, entries held or tied), model parameters"
+    citation: ClassVar[str] = (
+        "K. J. Astrom: Maximum likelihood and prediction error methods, Automatica 16 (1980) 551-574 (prediction "
+        "errors of a Kalman filter); J. Nocedal, S. J. Wright: Numerical Optimization, 2006 (BFGS)"
+    )
+    can: ClassVar[frozenset[str]] = frozenset(KINDS)
+
+    method: Literal["ml"] = Field(
+        default="ml", description="direct maximum likelihood; default: the label it stands under"
+    )
+    gradient: Literal["exact", "differences"] = Field(
+        default="exact", description="reverse derivatives of the filter, or central differences"
+    )
+    em_passes: WholeFrom0 = Field(
+        default=5, description="passes of EM over the unknown noise before the climb; model parameters wait meanwhile"
+    )
+    max_passes: Count = Field(default=1000, description="largest number of runs over the data")
+    loglik_tolerance: Positive = Field(
+        default=1e-3, description="rise that the Newton step may still promise at the end, nats"
+    )
+    profile: ProfileChoice | None = Field(
+        default=None, description="{unknown: NAME, points, span}: profile likelihood of one unknown; default: none"
+    )
+
+
+METHOD_OPTIONS: dict[str, type[MethodOptions]] = {
+    "em": EmOptions,
+    "ml": MlOptions,
+    "alg2": Alg2Options,
+    "alg3": Alg3Options,
+}
 """Every known method, by the name used in experiment files."""
 
 

@@ -63,6 +63,8 @@ def _entry(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
 Structure = Annotated[Literal["full", "diagonal", "scale"] | Blocks, WrapValidator(_structure)]
 FixedEntry = Annotated[str | Annotated[tuple[str, str], Field(min_length=2, max_length=2)], WrapValidator(_entry)]
 
+Tie = Annotated[tuple[Text, ...], Strict(False), Field(min_length=2)]
+
 
 class CovarianceChoice(Base):
     """A covariance that is known, or one that is estimated from a start."""
@@ -79,17 +81,34 @@ class CovarianceChoice(Base):
         default=(), description="entries held at start: a name for a variance, [name, name] for a covariance"
     )
 
+    tied: Annotated[tuple[Tie, ...], Strict(False)] = Field(
+        default=(), description="groups of names whose variances are one unknown, such as [[a, b], [c, d]]"
+    )
+
     @model_validator(mode="after")
     def _check(self) -> Self:
         if (self.known is None) == (self.start is None):
             refuse("give either known (taken as it is) or start (to be estimated)")
         if self.known is not None:
-            for name, idle in (("structure", "full"), ("fixed", ())):
+            for name, idle in (("structure", "full"), ("fixed", ()), ("tied", ())):
                 if getattr(self, name) != idle:
                     refuse("goes with start: a known covariance is taken as it is", at=[name])
         if self.structure == "scale" and self.fixed:
             refuse("with structure scale only the factor is estimated: nothing can be fixed", at=["fixed"])
+        if self.structure == "scale" and self.tied:
+            refuse("with structure scale only the factor is estimated: nothing can be tied", at=["tied"])
+        self._check_ties()
         return self
+
+    def _check_ties(self) -> None:
+        seen: set[str] = set()
+        for i, group in enumerate(self.tied):
+            for j, name in enumerate(group):
+                if name in self.fixed:
+                    refuse(f"{name} is fixed: it cannot be tied as well", at=["tied", i, j])
+                if name in seen:
+                    refuse(f"{name} is tied already", at=["tied", i, j])
+                seen.add(name)
 
 
 class ProcessNoiseChoice(CovarianceChoice):

@@ -24,7 +24,7 @@ from noiseid_cli.estimators.ends import false_end
 from noiseid_cli.estimators.estimate import Columns, Estimate, Parameters, Progress, Series, Status
 from noiseid_cli.estimators.likelihood import Likelihood, Point
 from noiseid_cli.estimators.observed_information import Information, information_at
-from noiseid_cli.estimators.profile_likelihood import arranged, profile
+from noiseid_cli.estimators.profile_likelihood import Profile, arranged, profile
 from noiseid_cli.estimators.quasi_newton import Climb, climb
 from noiseid_cli.estimators.unknowns import ParameterUnknowns, Unknowns
 from noiseid_cli.filters.ekf import extended_kalman_filter
@@ -49,19 +49,14 @@ class MlOptions:
         em_passes: passes of EM before the climb, for the unknown noise; model parameters stay at their start there.
         max_passes: give up after so many runs over the data, EM's and those for the information among them.
         loglik_tolerance: at the end the Newton step must promise at most this.
-        profile: unknown whose profile likelihood is wanted: a model parameter, or a noise, output or state, for its
-            standard deviation. None: no profile.
-        points: number of points of the profile.
-        span: standard errors that the profile reaches to both sides.
+        profile: the unknown whose profile likelihood is wanted; None: no profile.
     """
 
     gradient: Literal["exact", "differences"] = "exact"
     em_passes: int = 5
     max_passes: int = 1000
     loglik_tolerance: float = 1e-3
-    profile: str | None = None
-    points: int = 15
-    span: float = 3.0
+    profile: Profile | None = None
 
 
 @dataclass
@@ -108,7 +103,7 @@ def estimate(
     coordinates = _pose(model, recordings, start, unknowns, parameters or ParameterUnknowns(), declared)
     wanted = None
     if options.profile is not None:
-        coordinates, wanted = arranged(coordinates, options.profile)
+        coordinates, wanted = arranged(coordinates, options.profile.unknown)
     likelihood = Likelihood(coordinates, recordings, options.gradient, progress)
     at_start = coordinates.unpack(coordinates.pack(start, coordinates.parameters.start))[1]
     loglik_start = sum(extended_kalman_filter(at_start, r, start, i).loglik for i, r in enumerate(recordings))
@@ -118,8 +113,8 @@ def estimate(
     end = _search(likelihood, coordinates.pack(noise, coordinates.parameters.start), options)
     trace = _trace(coordinates, warm, likelihood.visited)
     series: tuple[Series, ...] = ()
-    if wanted is not None and end.status == "converged":
-        series = (profile(likelihood, end.climb.point, end.information, wanted, options.points, options.span),)
+    if options.profile is not None and wanted is not None and end.status == "converged":
+        series = (profile(likelihood, end.climb.point, end.information, wanted, options.profile),)
     final, _ = coordinates.unpack(end.climb.point.z)
     return Estimate(
         method="ml",
@@ -133,10 +128,14 @@ def estimate(
         seconds=time.perf_counter() - began,
         trace=trace,
         safeguards=tuple(_safeguards(likelihood, end, options)),
-        settings={name: "none" if value is None else value for name, value in asdict(options).items()},
+        settings=asdict(replace(options, profile=None)) | {"profile": _in_words(options.profile)},
         parameters=_parameters(coordinates, end, declared),
         series=series,
     )
+
+
+def _in_words(asked: Profile | None) -> str:
+    return "none" if asked is None else f"{asked.unknown}, {asked.points} points over {asked.span:g} standard errors"
 
 
 def _pose(

@@ -27,6 +27,21 @@ UNDETERMINED = 0.5
 
 
 @dataclass(frozen=True)
+class Profile:
+    """What profile is asked.
+
+    Attributes:
+        unknown: a model parameter; or a noise, an output or a state, for its standard deviation.
+        points: number of values, the maximum among them; rounded up to an odd number.
+        span: distance of the outermost ones from the maximum, in standard errors.
+    """
+
+    unknown: str
+    points: int = 15
+    span: float = 3.0
+
+
+@dataclass(frozen=True)
 class Wanted:
     """The unknown whose profile is asked.
 
@@ -102,9 +117,7 @@ class _Slice:
         return Point(rest, found.loglik, np.delete(found.gradient, self._place))
 
 
-def profile(
-    likelihood: Likelihood, top: Point, information: Information, wanted: Wanted, points: int, span: float
-) -> Series:
+def profile(likelihood: Likelihood, top: Point, information: Information, wanted: Wanted, asked: Profile) -> Series:
     """The profile on both sides of a maximum.
 
     Args:
@@ -112,8 +125,7 @@ def profile(
         top: the maximum.
         information: observed information there.
         wanted: which unknown.
-        points: number of values, odd or even; the maximum is one more where even.
-        span: distance of the outermost ones from the maximum, in standard errors.
+        asked: how many values, and how far.
 
     Returns:
         The log-likelihood less its maximum over the unknown's values, and the parabola of the information.
@@ -121,8 +133,8 @@ def profile(
     k = wanted.place
     covariance = information.covariance()
     error = float(np.sqrt(covariance[k, k])) if np.isfinite(covariance[k, k]) else UNDETERMINED
-    half = max(points // 2, 1)
-    offsets = span * error * np.arange(1, half + 1) / half
+    half = max(asked.points // 2, 1)
+    offsets = asked.span * error * np.arange(1, half + 1) / half
     down = _side(likelihood, top, covariance, k, -offsets)
     up = _side(likelihood, top, covariance, k, offsets)
     zs = np.concatenate([top.z[k] - offsets[::-1], [top.z[k]], top.z[k] + offsets])

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from noiseid_cli.estimators.estimate import Estimate, Progress
+from noiseid_cli.estimators.estimate import Estimate, Parameters, Progress
 from noiseid_cli.filters.gate import OutlierGate
 from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.outcome import UnitResult
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from noiseid_cli.estimators.unknowns import ParameterUnknowns, Unknowns
     from noiseid_cli.models.compiled import CompiledModel
     from noiseid_cli.models.recording import Array, Dataset
+
+    Candidates = dict[str, tuple[NoiseValues, CompiledModel]]
 
 
 def make_estimate(context: Context, unit: EstimateUnit, progress: Progress | None = None) -> UnitResult:
@@ -67,9 +69,13 @@ def make_estimate(context: Context, unit: EstimateUnit, progress: Progress | Non
         settings={"structure": words, **estimate.settings},
         safeguards=(*estimate.safeguards, *warned),
     )
-    candidates = {"start": start, "estimate": estimate.final}
+    found = estimate.parameters
+    candidates = {
+        "start": (start, _with(context, found, None if found is None else found.start)),
+        "estimate": (estimate.final, _with(context, found, None if found is None else found.final)),
+    }
     if dataset.Q_true is not None and dataset.R_true is not None:
-        candidates["truth"] = NoiseValues(dataset.Q_true, dataset.R_true, start.m0, start.P0)
+        candidates["truth"] = (NoiseValues(dataset.Q_true, dataset.R_true, start.m0, start.P0), context.compiled)
     held_out = None if unit.held_out is None else _read(context, unit.held_out.path)
     result = UnitResult(
         unit=unit.own_name,
@@ -94,20 +100,24 @@ def make_estimate(context: Context, unit: EstimateUnit, progress: Progress | Non
         density=context.density,
         interval=conversion_interval(dataset, context.model, context.density),
     )
-    write_result(unit.path, result, file_attributes(context, unit.key) | _basis(context, dataset))
+    write_result(unit.path, result, file_attributes(context, unit.key) | _basis(context, dataset, estimate))
     return result
 
 
-def _basis(context: Context, dataset: Dataset) -> dict[str, str]:
+def _basis(context: Context, dataset: Dataset, estimate: Estimate) -> dict[str, str]:
     """What the estimate holds for: the model with its parameter values, and the intervals between samples, s."""
-    model = context.model
+    model, found = context.model, estimate.parameters
+    own = {} if found is None else dict(zip((n for n, _, _ in found.names), found.final.tolist(), strict=True))
     dt = np.concatenate([recording.dt for recording in dataset.recordings])
     return {
         "model": json.dumps(
             {
                 "name": model.name,
                 "discretisation": model.discretisation,
-                "parameters": [{"name": p.name, "value": p.value, "unit": p.unit} for p in model.parameters_in_force],
+                "parameters": [
+                    {"name": p.name, "value": own.get(p.name, p.value), "unit": p.unit}
+                    for p in model.parameters_in_force
+                ],
             },
             ensure_ascii=False,
         ),
@@ -117,6 +127,17 @@ def _basis(context: Context, dataset: Dataset) -> dict[str, str]:
             else {"median": None, "shortest": None, "longest": None, "unit": "s"}
         ),
     }
+
+
+def _with(context: Context, parameters: Parameters | None, values: Array | None) -> CompiledModel:
+    """The model with the values of those of its parameters that were estimated."""
+    if parameters is None or values is None:
+        return context.compiled
+    vector, known = context.compiled.parameters.copy(), list(context.model.values)
+    for (name, _, _), value in zip(parameters.names, values, strict=True):
+        if name in known:
+            vector[known.index(name)] = value
+    return replace(context.compiled, parameters=vector)
 
 
 def _read(context: Context, path: Path) -> Dataset:
@@ -180,7 +201,7 @@ def _true_parameters(context: Context, dataset: Dataset, estimate: Estimate) -> 
 
 
 def _evaluate(
-    context: Context, dataset: Dataset, candidates: dict[str, NoiseValues], options: MethodOptions
+    context: Context, dataset: Dataset, candidates: Candidates, options: MethodOptions
 ) -> dict[str, Evaluation]:
     """The method's own filter with each of the values against the data; those with which it fails are left out."""
     from noiseid_cli.diagnostics.evaluate import evaluate
@@ -188,20 +209,20 @@ def _evaluate(
 
     own, weights = filter_of(options, context.compiled.nx)
     out = {}
-    for label, noise in candidates.items():
+    for label, (noise, model) in candidates.items():
         try:
-            out[label] = evaluate(context.compiled, dataset.recordings, noise, label, own, weights)
+            out[label] = evaluate(model, dataset.recordings, noise, label, own, weights)
         except FilterDivergedError:
             continue
     return out
 
 
 def _score(
-    context: Context, held_out: Dataset, candidates: dict[str, NoiseValues], options: MethodOptions
+    context: Context, held_out: Dataset, candidates: Candidates, options: MethodOptions
 ) -> dict[str, Evaluation]:
     """The same on tests that no method has seen, which have first states of their own."""
     section = context.experiment.estimate
     assert section is not None
     m0 = pose(section, held_out, context.compiled)[0].m0
-    moved = {label: replace(noise, m0=m0) for label, noise in candidates.items()}
+    moved = {label: (replace(noise, m0=m0), model) for label, (noise, model) in candidates.items()}
     return _evaluate(context, held_out, moved, options)

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from noiseid_cli.config.methods import EmOptions, MethodOptions
-from noiseid_cli.errors import EstimationError
 
 if TYPE_CHECKING:
     from noiseid_cli.estimators.estimate import Estimate, Progress
@@ -47,10 +46,9 @@ def run_method(name: str, task: Task) -> Estimate:
     """Run a method by its name.
 
     Raises:
-        EstimationError: the method cannot estimate what is asked; it names those that can.
+        EstimationError: the problem cannot be posed.
         FilterDivergedError: the filter fails at the start.
     """
-    _refuse_what_it_cannot(name, task)
     return _METHODS[name](task)
 
 
@@ -64,25 +62,6 @@ def filter_of(options: MethodOptions, nx: int) -> tuple[str, SigmaWeights | None
     return own.smoother, own.weights(nx)
 
 
-def _refuse_what_it_cannot(name: str, task: Task) -> None:
-    from noiseid_cli.config.methods import KINDS, METHOD_OPTIONS
-
-    asked = {
-        "Q": task.unknowns.Q is not None,
-        "R": task.unknowns.R is not None,
-        "m0": task.unknowns.m0,
-        "P0": task.unknowns.P0 is not None,
-        "parameters": len(task.parameters) > 0,
-    }
-    wanted = {kind for kind, is_asked in asked.items() if is_asked}
-    beyond = wanted - METHOD_OPTIONS[name].can
-    if beyond:
-        others = [other for other, options in METHOD_OPTIONS.items() if wanted <= options.can]
-        able = f"these can: {', '.join(others)}" if others else "no method estimates all that is asked"
-        places = ", ".join(f"estimate.{KINDS[kind]}" for kind in KINDS if kind in beyond)
-        raise EstimationError(f"{name} cannot estimate what {places} asks for: give it as known, or {able}")
-
-
 def _em(t: Task) -> Estimate:
     from noiseid_cli.estimators import em
 
@@ -92,13 +71,6 @@ def _em(t: Task) -> Estimate:
 def _alg2(t: Task) -> Estimate:
     from noiseid_cli.estimators import alg2
 
-    if t.unknowns.Q is None:
-        raise EstimationError("alg2 estimates Q: give process_noise a start in place of known, or use em")
-    if not t.unknowns.Q.is_diagonal:
-        raise EstimationError(
-            "alg2 estimates a diagonal Q with every variance free: give it `structure: diagonal` and hold no entry, "
-            "or use em or alg3"
-        )
     return alg2.estimate(t.model, t.recordings, t.start, alg2.Alg2Options(**t.options), t.progress)
 
 
@@ -108,4 +80,14 @@ def _alg3(t: Task) -> Estimate:
     return alg3.estimate(t.model, t.recordings, t.start, t.unknowns, alg3.Alg3Options(**t.options), t.progress)
 
 
-_METHODS: dict[str, Callable[[Task], Estimate]] = {"em": _em, "alg2": _alg2, "alg3": _alg3}
+def _ml(t: Task) -> Estimate:
+    from noiseid_cli.estimators import ml
+    from noiseid_cli.estimators.profile_likelihood import Profile
+
+    asked = t.options["profile"]
+    options = ml.MlOptions(**t.options | {"profile": None if asked is None else Profile(**asked)})
+    declared = tuple((p.name, p.unit, p.description) for p in t.equations.parameters)
+    return ml.estimate(t.model, t.recordings, t.start, t.unknowns, t.parameters, declared, options, t.progress)
+
+
+_METHODS: dict[str, Callable[[Task], Estimate]] = {"em": _em, "ml": _ml, "alg2": _alg2, "alg3": _alg3}

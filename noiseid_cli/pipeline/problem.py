@@ -91,6 +91,10 @@ def _covariance(
     assert choice.start is not None
     # Correlations stay as they are given.
     f = np.sqrt(factors if factors else (1.0,) * len(names))
+    tied = tuple(tuple(names.index(n) for n in group) for group in choice.tied)
+    for group in tied:
+        # What is tied starts at one variance, whatever the factors.
+        f[list(group)] = f[group[0]]
     start = choice.start.matrix() * np.outer(f, f)
     if choice.structure == "scale":
         return start, CovarianceStructure.scaled(start, what)
@@ -108,7 +112,7 @@ def _covariance(
         held.add((max(i, j), min(i, j)))
         # A held entry keeps the value that the config gives, whatever the start is scaled by.
         start[i, j] = start[j, i] = choice.start.matrix()[i, j]
-    return start, CovarianceStructure(start, blocks, held=frozenset(held), what=what)
+    return start, CovarianceStructure(start, blocks, held=frozenset(held), tied=tied, what=what)
 
 
 def _mean(choice: MeanChoice, dataset: Dataset) -> Array:

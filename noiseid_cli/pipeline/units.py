@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from noiseid_cli.config.check_methods import refusal
 from noiseid_cli.config.methods import METHOD_OPTIONS, MethodOptions
 from noiseid_cli.config.suggest import did_you_mean
 from noiseid_cli.errors import DataError, EstimationError
@@ -122,7 +123,7 @@ def chosen_methods(context: Context, wanted: Sequence[str] | None = None) -> dic
         wanted: as in ``estimate_units``; a name is looked for among the labels, then among the methods.
 
     Raises:
-        EstimationError: a method is not known, or the experiment estimates nothing.
+        EstimationError: a method is not known, cannot estimate what is asked, or the experiment estimates nothing.
     """
     section = context.experiment.estimate
     if section is None:
@@ -142,4 +143,7 @@ def chosen_methods(context: Context, wanted: Sequence[str] | None = None) -> dic
         else:
             known = [*listed, *(m for m in METHOD_OPTIONS if m not in listed)]
             raise EstimationError(f"{name!r} is not a method; known: {', '.join(known)}{did_you_mean(name, known)}")
+    for options in out.values():
+        if why := refusal(options, section):
+            raise EstimationError(why)
     return out

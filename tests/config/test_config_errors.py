@@ -141,7 +141,7 @@ ONE_MISTAKE = [
     ("known: truth", "start: truth, known: truth", "estimate.initial_mean", "either known"),
     ("scale: [0.01, 100]", "scale: [0.01, 0]", "estimate.starts.scale.1", "greater than 0, not 0"),
     ("scale: [0.01, 100]", "scale: [1], measurement_scale: [1, 2]", "estimate.starts.measurement_scale", "scale has 1"),
-    ("em: {}", "ml: {}", "estimate.methods.ml.method", "known: em"),
+    ("em: {}", "mle: {}", "estimate.methods.mle.method", "known: em"),
     ("em: {}", "em: 3", "estimate.methods.em", "must be a mapping"),
     ("em: {}", "EM-plain: {method: em}", "estimate.methods.em-plain", "upper and lower case"),
     ("em: {}", "a/b: {method: em}", 'estimate.methods.a/b', "is not a label"),

@@ -2,6 +2,7 @@
 
 import dataclasses
 import importlib
+import re
 
 import pytest
 from pydantic import ValidationError
@@ -25,7 +26,9 @@ def test_every_method_says_what_it_does(name):
     options = METHOD_OPTIONS[name]
     assert options.summary
     assert options.estimates
-    assert "2011" in options.citation
+    assert re.search(r"\b(19|20)\d\d\b", options.citation)
+    assert options.can
+    assert options.structures
 
 
 @pytest.mark.parametrize(

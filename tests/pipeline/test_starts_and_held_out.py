@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from noiseid_cli.errors import EstimationError
+from noiseid_cli.errors import ConfigError, EstimationError
 from noiseid_cli.pipeline.context import open_experiment
 from noiseid_cli.pipeline.datasets import make_dataset
 from noiseid_cli.pipeline.estimation import make_estimate
@@ -80,10 +80,9 @@ def test_the_key_of_a_unit_knows_what_it_was_scored_on(tmp_path):
 
 @pytest.mark.parametrize("structure", ["full", "scale"])
 def test_alg2_refuses_what_it_cannot_do(tmp_path, structure):
-    context = opened(tmp_path, f"estimate.methods.alg2.structure={structure}")
-    make_dataset(context, dataset_units(context)[0])
-    with pytest.raises(EstimationError, match="structure: diagonal"):
-        make_estimate(context, estimate_units(context, ["alg2"])[0])
+    said = rf"methods\.alg2: alg2 takes a process noise of structure diagonal, not {structure}: .*em, ml, alg3"
+    with pytest.raises(ConfigError, match=said):
+        opened(tmp_path, f"estimate.methods.alg2.structure={structure}")
 
 
 def test_a_method_may_have_a_structure_of_its_own(tmp_path):
@@ -100,13 +99,14 @@ def test_a_method_may_have_a_structure_of_its_own(tmp_path):
 @pytest.mark.parametrize(
     ("setting", "method", "said"),
     [
-        ("estimate.measurement_noise={start: {std: [1, 1, 1, 1]}}", "alg3", r"estimate\.measurement_noise.*: em"),
-        ("estimate.parameters={m1: {start: 90}}", "em", r"em cannot estimate what estimate\.parameters asks for"),
+        ("estimate.measurement_noise={start: {std: [1, 1, 1, 1]}}", "alg3", r"estimate\.measurement_noise.*: em, ml"),
+        ("estimate.parameters={m1: {start: 90}}", "em", r"em cannot estimate what estimate\.parameters .*: ml"),
     ],
 )
 def test_what_a_method_cannot_estimate_is_refused_with_those_that_can(tmp_path, setting, method, said):
-    context = opened(tmp_path, setting)
-    for dataset in dataset_units(context):
-        make_dataset(context, dataset)
+    with pytest.raises(ConfigError, match=rf"estimate\.methods\.{method}: .*{said}"):
+        opened(tmp_path, setting)
+    # A method that the experiment does not list is asked for on the command line.
+    context = opened(tmp_path, setting, "estimate.methods={ml: {}}")
     with pytest.raises(EstimationError, match=said):
-        make_estimate(context, estimate_units(context, [method])[0])
+        estimate_units(context, [method])
