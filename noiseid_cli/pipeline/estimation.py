@@ -60,7 +60,7 @@ def make_estimate(context: Context, unit: EstimateUnit, progress: Progress | Non
         estimate = fit(dataset)
     else:
         gate = OutlierGate(**section.outlier_gate.model_dump())
-        estimate, dataset = fit_without_outliers(fit, lambda e: _model_at(context, e), dataset, gate)
+        estimate, dataset = fit_without_outliers(fit, lambda e: _at_end(context, e), dataset, gate)
     structure = section.process_noise.structure
     words = structure if isinstance(structure, str) else "blocks"
     warned = rounding_warnings(dataset, estimate.final.R) if unit.dataset.recordings else []
@@ -72,7 +72,7 @@ def make_estimate(context: Context, unit: EstimateUnit, progress: Progress | Non
     found = estimate.parameters
     candidates = {
         "start": (start, _with(context, found, None if found is None else found.start)),
-        "estimate": (estimate.final, _with(context, found, None if found is None else found.final)),
+        "estimate": (estimate.final, _at_end(context, estimate)),
     }
     if dataset.Q_true is not None and dataset.R_true is not None:
         candidates["truth"] = (NoiseValues(dataset.Q_true, dataset.R_true, start.m0, start.P0), context.compiled)
@@ -129,6 +129,12 @@ def _basis(context: Context, dataset: Dataset, estimate: Estimate) -> dict[str, 
     }
 
 
+def _at_end(context: Context, estimate: Estimate) -> CompiledModel:
+    """The model at the parameter values of an estimate."""
+    found = estimate.parameters
+    return _with(context, found, None if found is None else found.final)
+
+
 def _with(context: Context, parameters: Parameters | None, values: Array | None) -> CompiledModel:
     """The model with the values of those of its parameters that were estimated."""
     if parameters is None or values is None:
@@ -179,15 +185,6 @@ def _run(
             seconds=0.0,
             settings=settings,
         )
-
-
-def _model_at(context: Context, estimate: Estimate) -> CompiledModel:
-    """The compiled model at the parameter values of an estimate."""
-    values = dict(context.model.values)
-    if estimate.parameters is not None:
-        found = zip(estimate.parameters.names, estimate.parameters.final.tolist(), strict=True)
-        values |= {name: value for (name, _, _), value in found if name in values}
-    return replace(context.compiled, parameters=np.array(list(values.values()), dtype=float))
 
 
 def _true_parameters(context: Context, dataset: Dataset, estimate: Estimate) -> Array | None:
