@@ -158,3 +158,20 @@ def test_mistakes_are_told_with_their_place(tmp_path, old, new, path, message):
     found = [(p.path, p.message) for p in caught.value.problems]
     assert any(p.startswith(path) and message in text for p, text in found), found
     assert caught.value.problems[0].line > 1
+
+
+@pytest.mark.parametrize(
+    ("decimate", "samples", "second"),
+    [("3", 20, lambda y: y[3]), ("{factor: 4, outputs: average}", 15, lambda y: y[4:8].mean())],
+)
+def test_decimation_is_asked_for_in_the_import(tmp_path, decimate, samples, second):
+    _, y = write_regression(tmp_path)
+    given = REGRESSION.replace("file: matrices.npz", "C: [[1, 0]]").replace(
+        "  outputs: {y1: y}\n", f"  outputs: {{y1: y}}\n  decimate: {decimate}\n"
+    )
+    (tmp_path / "e.yaml").write_text(given)
+    _, dataset = with_data(tmp_path)
+    recording = dataset.recordings[0]
+    assert recording.samples == samples
+    assert recording.y[1, 0] == pytest.approx(second(y), rel=1e-12)
+    assert "inputs averaged over the longer intervals" in dataset.notes[0]
