@@ -61,12 +61,20 @@ def _check_model(findings: Findings, model: ModelNames) -> None:
 def _check_import(findings: Findings, section: Import, model: ModelNames) -> None:
     for kind, wanted in (("inputs", model.inputs), ("outputs", model.outputs)):
         common = getattr(section, kind)
-        owns = {recording: getattr(source, kind) for recording, source in section.recordings.items()}
+        owns = {recording: dict(getattr(source, kind)) for recording, source in section.recordings.items()}
+        if kind == "outputs":
+            for recording, source in section.recordings.items():
+                for i, other in enumerate(source.also):
+                    for name in other.outputs:
+                        if name not in wanted:
+                            path = ("import", "recordings", recording, "also", i, kind, name)
+                            findings.unknown(path, name, wanted, kind)
+                        owns[recording].setdefault(name, other.outputs[name])
         for name in common:
             if name not in wanted:
                 findings.unknown(("import", kind, name), name, wanted, kind)
-        for recording, own in owns.items():
-            for name in own:
+        for recording, source in section.recordings.items():
+            for name in getattr(source, kind):
                 if name not in wanted:
                     findings.unknown(("import", "recordings", recording, kind, name), name, wanted, kind)
         for name in wanted:

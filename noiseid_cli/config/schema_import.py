@@ -74,6 +74,17 @@ class Time(Base):
         return self
 
 
+class Companion(Base):
+    """A further file of the same test, with a clock of its own: a slower sensor, say."""
+
+    file: Text = Field(description="the file; a relative path starts at the folder of the experiment file")
+    time: Time | None = Field(default=None, description="its time axis, with the same origin; default: the common one")
+    outputs: Annotated[Columns, Field(min_length=1)] = Field(
+        description="the outputs that it holds; each value goes to the nearest sample of the recording, what lies more "
+        "than half an interval off is left out, and samples without a value are missing"
+    )
+
+
 class Source(Base):
     """One recording: a file, and where it differs from the mapping common to all."""
 
@@ -85,6 +96,10 @@ class Source(Base):
     time: Time | None = Field(default=None, description="time axis of this recording; default: the common one")
     inputs: Columns = Field(default={}, description="inputs of this recording that differ from the common ones")
     outputs: Columns = Field(default={}, description="outputs of this recording that differ from the common ones")
+
+    also: Annotated[tuple[Companion, ...], Strict(False)] = Field(
+        default=(), description="further files of the same test, with outputs on a clock of their own"
+    )
 
     @field_validator("rows")
     @classmethod
@@ -187,15 +202,26 @@ class Import(Base):
         for name, source in self.recordings.items():
             if source.time is None and self.time is None:
                 refuse("has no time: give time here or for all recordings", at=["recordings", name])
+            for i, other in enumerate(source.also):
+                if other.time is None and self.time is None:
+                    refuse("has no time: give time here or for all", at=["recordings", name, "also", i])
+                taken = {*source.outputs, *(more for earlier in source.also[:i] for more in earlier.outputs)}
+                if twice := [output for output in other.outputs if output in taken]:
+                    refuse(
+                        "is taken from another file already", at=["recordings", name, "also", i, "outputs", twice[0]]
+                    )
         return self
 
     def source(self, name: str) -> Source:
         """Give a recording with its time, inputs and outputs complete, the common ones filled in."""
         own = self.recordings[name]
+        elsewhere = {output for other in own.also for output in other.outputs}
+        common = {output: column for output, column in self.outputs.items() if output not in elsewhere}
         return own.model_copy(
             update={
                 "time": own.time or self.time,
                 "inputs": {**self.inputs, **own.inputs},
-                "outputs": {**self.outputs, **own.outputs},
+                "outputs": {**common, **own.outputs},
+                "also": tuple(other.model_copy(update={"time": other.time or self.time}) for other in own.also),
             }
         )

@@ -51,7 +51,9 @@ def _imported_units(context: Context) -> list[DatasetUnit]:
         sources = [
             {
                 "name": member,
-                "settings": section.recordings[member].model_dump(mode="json", exclude={"file"}),
+                "settings": section.recordings[member].model_dump(
+                    mode="json", exclude={"file": True, "also": {"__all__": {"file"}}}
+                ),
                 "sha256": digests[member],
             }
             for member in members
@@ -71,15 +73,21 @@ def _recording_digests(context: Context) -> dict[str, str]:
 
     section = context.experiment.import_
     assert section is not None
-    digests, problems, known = {}, [], context.file_digests
+    digests: dict[str, str] = {}
+    problems, known = [], context.file_digests
     for name, source in section.recordings.items():
-        path = context.loaded.resolve(source.file)
-        try:
-            if path not in known:
-                known[path] = source_digest(path)
-            digests[name] = known[path]
-        except DataError as error:
-            problems.append(context.loaded.problem(("import", "recordings", name, "file"), str(error)))
+        at = ("import", "recordings", name)
+        places = {(*at, "file"): source.file} | {(*at, "also", i, "file"): s.file for i, s in enumerate(source.also)}
+        found = []
+        for place, file in places.items():
+            path = context.loaded.resolve(file)
+            try:
+                if path not in known:
+                    known[path] = source_digest(path)
+                found.append(known[path])
+            except DataError as error:
+                problems.append(context.loaded.problem(place, str(error)))
+        digests[name] = "+".join(found)
     if problems:
         raise ConfigError(str(context.loaded.file), problems)
     return digests

@@ -10,7 +10,7 @@ from noiseid_cli.pipeline.context import Context
 from noiseid_cli.pipeline.unit import DatasetUnit
 
 if TYPE_CHECKING:
-    from noiseid_cli.config.schema_import import Column
+    from noiseid_cli.config.schema_import import Column, Companion, Source
     from noiseid_cli.models.recording import Dataset
 
 
@@ -90,24 +90,25 @@ def _import(context: Context, unit: DatasetUnit) -> Dataset:
         name = f"{group}{column.column}" if group else column.column
         return ColumnMap(name, column.scale, column.offset)
 
-    sources = []
-    for name in unit.recordings:
-        own = section.source(name)
+    def source(name: str, own: Source | Companion) -> RecordingSource:
         assert own.time is not None
         time = own.time.model_dump()
         if group and time["column"] is not None:
             time["column"] = f"{group}{time['column']}"
-        sources.append(
-            RecordingSource(
-                name,
-                context.loaded.resolve(own.file),
-                time=TimeMap(**time),
-                inputs={k: column_map(c) for k, c in own.inputs.items()},
-                outputs={k: column_map(c) for k, c in own.outputs.items()},
-                **section.format.model_dump(exclude={"group"}),
-                rows=own.rows,
-            )
+        return RecordingSource(
+            name,
+            context.loaded.resolve(own.file),
+            time=TimeMap(**time),
+            outputs={k: column_map(c) for k, c in own.outputs.items()},
+            **section.format.model_dump(exclude={"group"}),
         )
+
+    sources = []
+    for name in unit.recordings:
+        own = section.source(name)
+        also = tuple(source(name, other) for other in own.also)
+        columns = {k: column_map(c) for k, c in own.inputs.items()}
+        sources.append(replace(source(name, own), inputs=columns, rows=own.rows, also=also))
     policy = ProblemPolicy(
         **section.on_problem.model_dump(),
         gap_factor=section.gap_factor,

@@ -14,6 +14,7 @@ from noiseid_cli.recordings.cells import Series, make_series
 from noiseid_cli.recordings.clock import bridge_gaps, even_intervals, nominal_interval, order_stamps
 from noiseid_cli.recordings.decimation import decimate
 from noiseid_cli.recordings.faults import Findings, counted
+from noiseid_cli.recordings.merging import merge
 from noiseid_cli.recordings.options import ColumnMap, Decimation, ProblemPolicy, RecordingSource
 from noiseid_cli.recordings.readers import read_table
 
@@ -52,11 +53,10 @@ def import_recordings(
     recordings: list[Recording] = []
     for given in sources:
         source = _checked(given, model_name, input_quantities, output_quantities)
-        columns = [c.column for c in (*source.inputs.values(), *source.outputs.values())]
-        if source.time.column is not None:
-            columns.insert(0, source.time.column)
-        series = make_series(source, read_table(source, columns), policy, findings)
-        recordings += _recordings(series, policy, findings)
+        main, *others = (order_stamps(_series(s, policy, findings), policy, findings) for s in (source, *source.also))
+        if others:
+            main = merge(main, others, [quantity[0] for quantity in output_quantities], findings)
+        recordings += _recordings(main, policy, findings)
     findings.raise_if_faulty(name)
     if decimation is not None and decimation.factor > 1:
         recordings = [decimate(recording, decimation, findings) for recording in recordings]
@@ -69,9 +69,16 @@ def import_recordings(
     return Dataset(name, model_name, tuple(recordings), input_quantities, output_quantities, notes=notes)
 
 
+def _series(source: RecordingSource, policy: ProblemPolicy, findings: Findings) -> Series:
+    """The columns of one file."""
+    columns = [c.column for c in (*source.inputs.values(), *source.outputs.values())]
+    if source.time.column is not None:
+        columns.insert(0, source.time.column)
+    return make_series(source, read_table(source, columns), policy, findings)
+
+
 def _recordings(series: Series, policy: ProblemPolicy, findings: Findings) -> list[Recording]:
-    """The tests of one log file."""
-    series = order_stamps(series, policy, findings)
+    """The tests of one series with rising times."""
     if len(series.time) < 2:
         start = float(series.time[0]) if len(series.time) else 0.0
         return [Recording(series.name, np.empty(0), series.u, series.y, start)]
@@ -90,6 +97,21 @@ def _checked(
     source: RecordingSource, model_name: str, input_quantities: Quantities, output_quantities: Quantities
 ) -> RecordingSource:
     """The source with its columns in the model's order, after its options have been found to make sense."""
+    for file in (source, *source.also):
+        _check_file(file)
+    inputs = _ordered("input", source.inputs, input_quantities, model_name)
+    given = [source.outputs, *(other.outputs for other in source.also)]
+    twice = {name for k, maps in enumerate(given) for name in maps if any(name in more for more in given[k + 1 :])}
+    if twice:
+        raise DataError(f"{source.file}: output '{min(twice)}' of test '{source.name}' is taken from two files.")
+    together = _ordered("output", {k: m for maps in given for k, m in maps.items()}, output_quantities, model_name)
+    own = [{name: m for name, m in together.items() if name in maps} for maps in given]
+    also = tuple(replace(other, outputs=maps) for other, maps in zip(source.also, own[1:], strict=True))
+    return replace(source, inputs=inputs, outputs=own[0], also=also)
+
+
+def _check_file(source: RecordingSource) -> None:
+    """Refuse a time axis or a range of rows that makes no sense."""
     time = source.time
     if (time.column is None) == (time.interval is None):
         raise DataError(f"{source.file}: time needs either a column or an interval, and not both.")
@@ -98,8 +120,6 @@ def _checked(
     begin, end = source.rows or (1, None)
     if begin < 1 or (end is not None and end < begin):
         raise DataError(f"{source.file}: rows {begin} to {end} are no range; rows count from 1.")
-    inputs = _ordered("input", source.inputs, input_quantities, model_name)
-    return replace(source, inputs=inputs, outputs=_ordered("output", source.outputs, output_quantities, model_name))
 
 
 def _refuse_equal_names(name: str, names: list[str]) -> None:

@@ -57,6 +57,7 @@ class RecordingSource:
         comment: what begins a comment line in a CSV file; empty for none.
         decimal: the decimal mark in a CSV file, ``.`` or ``,``.
         rows: first and last data row to take, counted from 1, both included; None as the last takes the rest.
+        also: further files of the same test with clocks and outputs of their own, see ``merging``.
     """
 
     name: str
@@ -70,6 +71,7 @@ class RecordingSource:
     comment: str = "#"
     decimal: Literal[".", ","] = "."
     rows: tuple[int, int | None] | None = None
+    also: tuple[RecordingSource, ...] = ()
 
 
 @dataclass(frozen=True)
