@@ -83,9 +83,25 @@ class Plot:
         """The figure, drawn and laid out once, so that every file shows the same."""
         with style():
             figure = self.draw()
-            figure.draw_without_rendering()
+            if (layout := figure.get_layout_engine()) is not None:
+                layout.execute(figure)
             figure.set_layout_engine("none")
         return figure
+
+    @cached_property
+    def svg(self) -> bytes:
+        """The figure as SVG on white, written once for the file and the page."""
+        import matplotlib
+        from matplotlib.backends.backend_svg import FigureCanvasSVG
+
+        out = io.BytesIO()
+        figure = self.figure
+        with style():
+            matplotlib.rcParams["svg.hashsalt"] = f"noiseid-{self.name}"
+            figure.set_facecolor("white")
+            canvas: Any = FigureCanvasSVG(figure)
+            canvas.print_svg(out, metadata={"Date": None, "Title": plain(self.title)})
+        return out.getvalue()
 
 
 def method_colours(labels: Sequence[str]) -> dict[str, str]:
@@ -164,29 +180,30 @@ def legend_above(figure: Figure, axis: Axes, columns: int = 4) -> None:
 
 def svg_file(plot: Plot) -> bytes:
     """The figure as a stand-alone SVG file on white."""
-    return _saved(plot, "svg", facecolor="white", metadata={"Date": None, "Title": plain(plot.title)})
+    return plot.svg
 
 
 def png_file(plot: Plot) -> bytes:
     """The figure as a PNG file on white, 200 dots per inch."""
-    return _saved(plot, "png", facecolor="white", dpi=200)
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    out = io.BytesIO()
+    with style():
+        plot.figure.dpi = 200
+        # The canvas itself: Figure.savefig would draw everything once more, to lay out what is laid out already.
+        canvas: Any = FigureCanvasAgg(plot.figure)
+        canvas.print_png(out)
+    return out.getvalue()
 
 
 def inline_svg(plot: Plot) -> str:
     """The figure as an SVG element for a page: ink and grid take the page's colours, ids are the figure's own."""
-    text = _saved(plot, "svg", facecolor="none", metadata={"Date": None}).decode("utf-8")
+    text = plot.svg.decode("utf-8")
     text = re.sub(r"<metadata>.*?</metadata>", "", text[text.index("<svg") :], flags=re.DOTALL)
     text = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
+    text = re.sub(r"<title>.*?</title>", "", text, count=1, flags=re.DOTALL)
+    paper = text.index('id="patch_1"')
+    text = text[:paper] + text[paper:].replace("fill: #ffffff", "fill: none", 1)
     text = re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{plot.name}-", text)
     text = text.replace(INK, "currentColor").replace(GRID, "var(--grid)")
     return re.sub(r"\n\s*\n+", "\n", text).strip()
-
-
-def _saved(plot: Plot, kind: str, **options: object) -> bytes:
-    import matplotlib
-
-    out = io.BytesIO()
-    with style():
-        matplotlib.rcParams["svg.hashsalt"] = f"noiseid-{plot.name}"
-        plot.figure.savefig(out, format=kind, **options)  # type: ignore[arg-type]
-    return out.getvalue()
