@@ -17,6 +17,7 @@ from pathlib import Path
 from types import ModuleType
 
 from noiseid_cli.errors import ModelError
+from noiseid_cli.models.cache import cache_root
 from noiseid_cli.models.compiled import Adjoints, CompiledModel
 from noiseid_cli.models.discretisation import SCHEMES
 from noiseid_cli.models.equations import Equations, Model
@@ -93,12 +94,7 @@ def _module(
 
 def cache_folder() -> Path:
     """Folder of the compiled models: NOISEID_CACHE_DIR if set, else the user's cache folder."""
-    chosen = os.environ.get("NOISEID_CACHE_DIR")
-    if chosen:
-        return Path(chosen).expanduser().absolute() / "models"
-    import platformdirs
-
-    return Path(platformdirs.user_cache_dir("noiseid")) / "models"
+    return cache_root() / "models"
 
 
 def cache_key(equations: Equations) -> str:

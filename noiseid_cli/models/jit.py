@@ -6,9 +6,14 @@ No fastmath flag that assumes finite values is used anywhere: NaN is data here.
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
-from numba import njit
+from noiseid_cli.models.cache import place_kernels
+
+place_kernels(Path(__file__).parents[1])
+
+from numba import njit  # noqa: E402 - it reads where to keep its cache when it is imported
 
 Function = Callable[..., Any]
 

@@ -1,0 +1,5 @@
+"""`python -m noiseid_cli` is the `noiseid` command."""
+
+from noiseid_cli.app import main
+
+main()

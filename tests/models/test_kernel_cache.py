@@ -1,0 +1,89 @@
+"""Where compiled kernels are kept, and what is imported before anything is asked for."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from noiseid_cli.errors import ModelError
+from noiseid_cli.models.cache import cache_root, place_kernels
+
+HEAVY = {"numpy", "scipy", "numba", "sympy", "matplotlib", "h5py", "pydantic", "rich", "yaml", "jinja2", "platformdirs"}
+
+
+@pytest.fixture
+def places(tmp_path, monkeypatch):
+    """A package that cannot be written (a file stands where its folder should be), and a cache folder."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "")  # put back afterwards, whatever the code under test sets
+    monkeypatch.delenv("NUMBA_CACHE_DIR")
+    monkeypatch.setenv("NOISEID_CACHE_DIR", str(tmp_path / "cache"))
+    (tmp_path / "package").write_text("")
+    return tmp_path
+
+
+def test_kernels_stand_beside_the_source_where_that_can_be_written(places):
+    place_kernels(places)
+    assert "NUMBA_CACHE_DIR" not in os.environ
+
+
+def test_kernels_of_a_read_only_installation_go_to_the_cache_folder(places, monkeypatch):
+    place_kernels(places / "package")
+    assert os.environ["NUMBA_CACHE_DIR"] == str(places / "cache" / "kernels")
+    assert cache_root() == places / "cache"
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "mine")
+    place_kernels(places / "package")
+    assert os.environ["NUMBA_CACHE_DIR"] == "mine"
+    monkeypatch.delenv("NUMBA_CACHE_DIR")
+
+
+def test_without_any_folder_the_user_is_told_what_to_set(places, monkeypatch):
+    monkeypatch.setenv("NOISEID_CACHE_DIR", str(places / "package"))
+    with pytest.raises(ModelError, match="set NOISEID_CACHE_DIR to a folder"):
+        place_kernels(places / "package")
+    assert "NUMBA_CACHE_DIR" not in os.environ
+
+
+def test_a_kernel_is_compiled_into_the_cache_folder_and_found_again(places):
+    script = (
+        "import sys\n"
+        "from pathlib import Path\n"
+        "from noiseid_cli.models.cache import place_kernels\n"
+        "place_kernels(Path(sys.argv[1]))\n"
+        "sys.path.insert(0, sys.argv[2])\n"
+        "from one import twice\n"
+        "print(twice(2.0), sum(twice.stats.cache_hits.values()))\n"
+    )
+    (places / "one.py").write_text(
+        "from numba import float64\nfrom noiseid_cli.models.jit import kernel\n\n\n"
+        "@kernel(float64(float64))\ndef twice(x):\n    return 2.0 * x\n"
+    )
+    run = [sys.executable, "-c", script, str(places / "package"), str(places)]
+    answers = [subprocess.run(run, capture_output=True, text=True, check=True).stdout.split() for _ in range(2)]
+    assert answers == [["4.0", "0"], ["4.0", "1"]]
+    assert list((places / "cache" / "kernels").rglob("*.nbc"))
+
+
+def imported_by(*arguments):
+    """Top-level packages that a command imports."""
+    script = (
+        "import sys, json\n"
+        "from noiseid_cli.app import main\n"
+        "try:\n    main()\nexcept SystemExit:\n    pass\n"
+        "print(json.dumps(sorted({name.partition('.')[0] for name in sys.modules})), file=sys.stderr)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script, *arguments], capture_output=True, text=True, check=True)
+    return set(json.loads(done.stderr.splitlines()[-1]))
+
+
+@pytest.mark.parametrize("arguments", [["--version"], ["--help"], ["run", "--help"]])
+def test_what_only_talks_imports_nothing_heavy(arguments):
+    allowed = set() if arguments == ["--version"] else {"rich", "pydantic"}  # typer takes them for help
+    assert imported_by(*arguments) & HEAVY <= allowed
+
+
+def test_checking_an_experiment_draws_no_figures(tmp_path):
+    quickstart = Path(__file__).parents[2] / "configs" / "quickstart.yaml"
+    assert not imported_by("check", str(quickstart), "--out", str(tmp_path)) & {"matplotlib", "jinja2"}
