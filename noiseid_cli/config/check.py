@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from noiseid_cli.config.check_methods import refusal
 from noiseid_cli.config.check_noise import check_choice, check_unit
+from noiseid_cli.config.check_online import check_online
 from noiseid_cli.config.check_simulate import check_simulate
 from noiseid_cli.config.document import Path
 from noiseid_cli.config.findings import Findings, ModelNames, check_length
@@ -104,6 +105,7 @@ def _check_estimate(findings: Findings, estimate: Estimate, model: ModelNames) -
     for label, options in estimate.methods.items():
         if why := refusal(options, estimate):
             findings.add(("estimate", "methods", label), why)
+    check_online(findings, estimate, model.noises)
     choices = [getattr(estimate, name) for name, _, _ in noises]
     if not estimate.parameters and all(choice.start is None for choice in [*choices, estimate.initial_mean]):
         findings.add(("estimate",), "nothing is left to estimate: all is known; give a start in place of a known")

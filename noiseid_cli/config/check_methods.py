@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from noiseid_cli.config.methods import KINDS, METHOD_OPTIONS, STRUCTURES, MethodOptions
+from noiseid_cli.config.methods_online import JointSrukfOptions
 from noiseid_cli.config.schema_estimate import Blocks, Estimate
 
 
@@ -27,6 +28,8 @@ def structures(section: Estimate, options: MethodOptions) -> set[str]:
 def refusal(options: MethodOptions, section: Estimate) -> str:
     """Why a method cannot do what is asked, with those that can; empty where it can."""
     name, asked = options.method, wanted(section)
+    if isinstance(options, JointSrukfOptions) and options.hold_process_noise:
+        asked -= {"Q"}
     beyond = asked - options.can
     if beyond:
         able = [other for other, o in METHOD_OPTIONS.items() if asked <= o.can]
@@ -35,7 +38,7 @@ def refusal(options: MethodOptions, section: Estimate) -> str:
     if "Q" not in asked and options.can == {"Q"}:
         able = [other for other, o in METHOD_OPTIONS.items() if asked <= o.can and o.can != {"Q"}]
         return f"{name} estimates the process noise, which is known here: give process_noise a start{_or_take(able)}"
-    met = structures(section, options)
+    met = structures(section, options) if "Q" in asked else set()
     if met - options.structures:
         able = [other for other, o in METHOD_OPTIONS.items() if asked <= o.can and met <= o.structures]
         allowed = ", ".join(s for s in STRUCTURES if s in options.structures)

@@ -7,42 +7,23 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from pydantic import Field, model_validator
 
 from noiseid_cli.config.base import Base, Count, NotNegative, Positive, Text, WholeFrom0, refuse
+from noiseid_cli.config.method_base import KINDS, STRUCTURES, MethodOptions
+from noiseid_cli.config.methods_online import AsrukfOptions, JointSrukfOptions, SbAsrukfOptions
 from noiseid_cli.config.suggest import did_you_mean
 
-KINDS = {
-    "Q": "process_noise",
-    "R": "measurement_noise",
-    "m0": "initial_mean",
-    "P0": "initial_covariance",
-    "parameters": "parameters",
-}
-"""Every kind of unknown, with its place in the ``estimate`` section."""
-
-STRUCTURES = ("full", "diagonal", "blocks", "scale", "fixed", "tied")
-"""Every structure of an unknown covariance."""
-
-
-class MethodOptions(Base):
-    """What every method has: its name. A subclass gives ``method`` its one value.
-
-    Attributes:
-        summary: one line for ``noiseid methods``.
-        estimates: which unknowns it can estimate.
-        citation: the paper it is from.
-        can: the kinds of unknown that it can estimate, of ``KINDS``.
-        structures: the structures of the process noise's covariance that it takes, of ``STRUCTURES``.
-    """
-
-    summary: ClassVar[str] = ""
-    estimates: ClassVar[str] = ""
-    citation: ClassVar[str] = ""
-    can: ClassVar[frozenset[str]] = frozenset()
-    structures: ClassVar[frozenset[str]] = frozenset(STRUCTURES)
-
-    method: str = Field(description="the method; default: the label it stands under")
-    structure: Literal["full", "diagonal", "scale"] | None = Field(
-        default=None, description="structure of the process noise for this method; default: that of process_noise"
-    )
+__all__ = [
+    "KINDS",
+    "METHOD_OPTIONS",
+    "STRUCTURES",
+    "Alg2Options",
+    "Alg3Options",
+    "EmOptions",
+    "MethodOptions",
+    "MlOptions",
+    "ProfileChoice",
+    "name_methods",
+    "pick_method",
+]
 
 
 class EmOptions(MethodOptions):
@@ -201,6 +182,9 @@ METHOD_OPTIONS: dict[str, type[MethodOptions]] = {
     "ml": MlOptions,
     "alg2": Alg2Options,
     "alg3": Alg3Options,
+    "asrukf": AsrukfOptions,
+    "sb-asrukf": SbAsrukfOptions,
+    "joint-srukf": JointSrukfOptions,
 }
 """Every known method, by the name used in experiment files."""
 

@@ -14,7 +14,7 @@ from noiseid_cli.filters.linalg import EPS, triangularise
 from noiseid_cli.models.jit import routine
 
 LEAST = math.sqrt(EPS)
-INDEFINITE_PREDICTION, INDEFINITE_INNOVATION, INDEFINITE_CORRECTION = 3, 4, 5
+INDEFINITE_PREDICTION, INDEFINITE_INNOVATION, INDEFINITE_CORRECTION, SINGULAR_STATE = 3, 4, 5, 6
 
 
 @routine

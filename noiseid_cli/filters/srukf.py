@@ -51,18 +51,21 @@ class _Filter(NamedTuple):
     d: Array
     v: Array
     work: Array
+    lower: Array
+    upper: Array
     observed: Array
+    counts: Array  # corrections stacked, then (nx,) projections on bounds
 
 
 _FILTER = types.NamedTuple(
     (vector, matrix, vector, matrix, matrix, matrix, matrix, vector, vector, matrix, matrix, matrix, matrix, matrix,
-     matrix, matrix, matrix, vector, vector, vector, vector, types.int64[::1]),
+     matrix, matrix, matrix, vector, vector, vector, vector, vector, vector, types.int64[::1], types.int64[::1]),
     _Filter,
 )  # fmt: skip
 
 
 @dataclass(frozen=True)
-class SigmaFiltered:
+class SquareRootFiltered:
     """What the filter gives for one test; "pred" is k|k-1 and "filt" is k|k.
 
     Attributes:
@@ -88,11 +91,16 @@ class SquareRootUnscentedFilter:
     Attributes:
         samples: number of samples taken in.
         loglik: log-likelihood of all of them.
-        restacked: number of corrections whose downdate failed and was replaced.
     """
 
     def __init__(
-        self, model: CompiledModel, noise: NoiseValues, weights: SigmaWeights, added: Array | None = None, test: int = 0
+        self,
+        model: CompiledModel,
+        noise: NoiseValues,
+        weights: SigmaWeights,
+        added: Array | None = None,
+        test: int = 0,
+        bounds: tuple[Array, Array] | None = None,
     ) -> None:
         """Start from the prior of the first state.
 
@@ -102,6 +110,7 @@ class SquareRootUnscentedFilter:
             weights: spread and weights of the sigma points of ``model.nx`` states.
             added: (nx, nx) covariance that each step adds to the state besides F2 Q F2'; none if not given.
             test: which row of ``noise.m0`` is the first mean.
+            bounds: (nx,) least and largest values that the filtered mean is put back on; none if not given.
 
         Raises:
             EstimationError: a covariance is not symmetric positive semidefinite.
@@ -114,10 +123,21 @@ class SquareRootUnscentedFilter:
         self._state = _new_filter(model, own)
         self._state.x[:] = noise.m0[test]
         self._state.U[:] = upper_factor(noise.P0, "the initial covariance P0")
+        if bounds is not None:
+            self._state.lower[:], self._state.upper[:] = bounds
         self._u = np.zeros((1, model.nu))
         self.samples = 0
         self.loglik = 0.0
-        self.restacked = 0
+
+    @property
+    def restacked(self) -> int:
+        """Number of corrections whose downdate failed and was replaced."""
+        return int(self._state.counts[0])
+
+    @property
+    def projections(self) -> tuple[int, ...]:
+        """How often the filtered mean of each state was put back on a bound."""
+        return tuple(map(int, self._state.counts[1:]))
 
     @property
     def mean(self) -> Array:
@@ -143,26 +163,33 @@ class SquareRootUnscentedFilter:
         Raises:
             EstimationError: the filter failed; in words.
         """
-        n, ny = self._model.nx, self._model.ny
-        Y, V = np.array(y, dtype=float).reshape(1, ny), np.array(u, dtype=float).reshape(1, self._model.nu)
-        out = (np.empty((1, n)), np.empty((1, n, n)), np.empty((1, n)), np.empty((1, n, n)), np.empty((1, ny)))
-        code, _ = self._run(Y, V, np.array([dt]), out)
+        Y, V = np.array(y, dtype=float).reshape(1, -1), np.array(u, dtype=float).reshape(1, -1)
+        code, _, block = self.take(Y, V, np.array([dt]))
         if code != OK:
             raise EstimationError(f"sample {self.samples + 1}: {FilterDivergedError.words(code)}")
-        return out[2][0], np.sqrt(np.sum(out[3][0] ** 2, axis=0))
+        return block.m_filt[0], np.sqrt(np.sum(block.U_filt[0] ** 2, axis=0))
 
-    def _run(self, y: Array, u: Array, dt: Array, out: tuple[Array, Array, Array, Array, Array]) -> tuple[int, int]:
-        """Take in samples; dt[k] is the interval before sample k. Returns (code, samples done)."""
-        m = self._model
-        code, done, loglik, restacked = _run(
+    def take(self, y: Array, u: Array, dt: Array) -> tuple[int, int, SquareRootFiltered]:
+        """Take in a block of samples.
+
+        Args:
+            y: (N, ny); u: (N, nu); dt: (N,) interval before each sample.
+
+        Returns:
+            A code of ``filters.ekf``, the number of samples taken in, and what the filter gives for them; rows that a
+            failure did not reach are not set.
+        """
+        m, N, n = self._model, len(y), self._model.nx
+        out = (np.empty((N, n)), np.empty((N, n, n)), np.empty((N, n)), np.empty((N, n, n)), np.empty((N, m.ny)))
+        before = self.restacked
+        code, done, loglik = _run(
             m.scheme, m.drift, m.drift_jacobian, m.output, m.parameters, self._weights, self._UQ, self._UR,
             self._state, self.samples == 0, self._u[0], dt, u, y, *out,
         )  # fmt: skip
         self.samples += done
         self.loglik += loglik
-        self.restacked += restacked
         self._u[0] = u[-1]
-        return code, done
+        return code, done, SquareRootFiltered(*out, loglik, self.restacked - before)
 
 
 def square_root_unscented_filter(
@@ -172,7 +199,7 @@ def square_root_unscented_filter(
     weights: SigmaWeights,
     test: int = 0,
     added: Array | None = None,
-) -> SigmaFiltered:
+) -> SquareRootFiltered:
     """Filter one test.
 
     Args:
@@ -183,14 +210,12 @@ def square_root_unscented_filter(
         FilterDivergedError: with the sample where it happened.
         EstimationError: a covariance is not symmetric positive semidefinite.
     """
-    N, n, ny = recording.samples, model.nx, model.ny
     online = SquareRootUnscentedFilter(model, noise, weights, added, test)
-    out = (np.empty((N, n)), np.empty((N, n, n)), np.empty((N, n)), np.empty((N, n, n)), np.empty((N, ny)))
     dt = np.concatenate(([0.0], recording.dt))
-    code, k = online._run(np.ascontiguousarray(recording.y), np.ascontiguousarray(recording.u), dt, out)
+    code, k, filtered = online.take(np.ascontiguousarray(recording.y), np.ascontiguousarray(recording.u), dt)
     if code != OK:
         raise FilterDivergedError(code, k, recording)
-    return SigmaFiltered(*out, online.loglik, online.restacked)
+    return filtered
 
 
 def _new_filter(model: CompiledModel, own: Array) -> _Filter:
@@ -204,7 +229,7 @@ def _new_filter(model: CompiledModel, own: Array) -> _Filter:
         e(n), e((n, n)), e(n), e((n, n)), e((2 * n + 1, n)), e((2 * n + 1, n)), e((2 * n + 1, ny)), e(ny), e(ny),
         e((ny, ny)), noise, e((n, n)), e((n, nv)), e((ny, ny)), e((n, ny)), e((n, ny)),
         e((2 * n + max(ny, nv + len(own)), wide)), e(wide), e(wide), np.zeros(nv), workspace(n, nv),
-        np.empty(ny, dtype=np.int64),
+        np.full(n, -np.inf), np.full(n, np.inf), np.empty(ny, dtype=np.int64), np.zeros(1 + n, dtype=np.int64),
     )  # fmt: skip
 
 
@@ -232,7 +257,7 @@ def _predict(scheme, drift, drift_jacobian, p, weights, UQ, s, u, dt):  # type: 
 
 
 @kernel(
-    types.Tuple((types.int64, types.int64, types.float64, types.int64))(
+    types.Tuple((types.int64, types.int64, types.float64))(
         types.int64, Drift, DriftJacobian, Output, vector, vector, matrix, matrix, _FILTER, types.boolean, vector,
         vector, matrix, matrix, matrix, cube, matrix, cube, matrix,
     ),
@@ -241,14 +266,14 @@ def _run(  # type: ignore[no-untyped-def]
     scheme, drift, drift_jacobian, output, p, weights, UQ, UR, s, first, u_before,
     dt, u, y, m_pred, U_pred, m_filt, U_filt, innovation,
 ):  # fmt: skip
-    """Take in the samples of y; the arrays from m_pred on are written. Returns (code, samples, loglik, restacked)."""
+    """Take in the samples of y; the arrays from m_pred on are written. Returns (code, samples, loglik)."""
     n = s.x.shape[0]
-    loglik, restacked = 0.0, 0
+    loglik = 0.0
     for k in range(y.shape[0]):
         if not (first and k == 0):
             code = _predict(scheme, drift, drift_jacobian, p, weights, UQ, s, u_before if k == 0 else u[k - 1], dt[k])
             if code != OK:
-                return code, k, loglik, restacked
+                return code, k, loglik
         m_pred[k], U_pred[k] = s.x, s.U
         draw(s.x, s.U, weights[0], s.X)
         for i in range(2 * n + 1):
@@ -263,13 +288,16 @@ def _run(  # type: ignore[no-untyped-def]
             s.x, s.U, s.Y, q, s.y_hat, s.e, s.UR_seen, weights[0], weights[1], weights[2],
             s.x_new, s.U_new, s.Uyy, s.Pxy, s.K, s.W, s.w, s.d,
         )  # fmt: skip
-        restacked += failed
+        s.counts[0] += failed
         if code != OK:
-            return code, k, loglik, restacked
+            return code, k, loglik
         loglik += gain
         s.x[:], s.U[:, :] = s.x_new, s.U_new
         for i in range(n):
+            if s.x[i] < s.lower[i] or s.x[i] > s.upper[i]:
+                s.x[i] = min(max(s.x[i], s.lower[i]), s.upper[i])
+                s.counts[1 + i] += 1
             if not math.isfinite(s.x[i]) or not math.isfinite(s.U[i, i]):
-                return NOT_FINITE, k, loglik, restacked
+                return NOT_FINITE, k, loglik
         m_filt[k], U_filt[k] = s.x, s.U
-    return OK, y.shape[0], loglik, restacked
+    return OK, y.shape[0], loglik

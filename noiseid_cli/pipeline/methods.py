@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from noiseid_cli.config.methods import EmOptions, MethodOptions
+from noiseid_cli.config.methods_online import OnlineOptions
 
 if TYPE_CHECKING:
     from noiseid_cli.estimators.estimate import Estimate, Progress
@@ -56,6 +57,11 @@ def filter_of(options: MethodOptions, nx: int) -> tuple[str, SigmaWeights | None
     """The Kalman filter that a method's estimate is of: its name, and its sigma points for nx states if it has any."""
     from noiseid_cli.estimators import em
 
+    if isinstance(options, OnlineOptions):
+        from noiseid_cli.filters.sigma_points import unscented
+
+        joint = options.method == "joint-srukf"  # its kappa counts the parameters as states
+        return "unscented", unscented(nx, options.alpha, options.beta, None if joint else options.kappa)
     if not isinstance(options, EmOptions):
         return "extended", None
     own = em.EmOptions(**options.model_dump(exclude={"method", "structure"}))
@@ -90,4 +96,37 @@ def _ml(t: Task) -> Estimate:
     return ml.estimate(t.model, t.recordings, t.start, t.unknowns, t.parameters, declared, options, t.progress)
 
 
-_METHODS: dict[str, Callable[[Task], Estimate]] = {"em": _em, "ml": _ml, "alg2": _alg2, "alg3": _alg3}
+def _adaptive(t: Task, monitor: bool) -> Estimate:
+    from noiseid_cli.estimators import adaptive_estimate
+    from noiseid_cli.estimators.adaptive_srukf import AdaptiveOptions
+
+    options = AdaptiveOptions(**t.options, monitor=monitor)
+    return adaptive_estimate.estimate(
+        t.equations, t.model, t.recordings, t.start, t.unknowns, t.parameters, options, t.progress
+    )
+
+
+def _asrukf(t: Task) -> Estimate:
+    return _adaptive(t, monitor=False)
+
+
+def _sb_asrukf(t: Task) -> Estimate:
+    return _adaptive(t, monitor=True)
+
+
+def _joint_srukf(t: Task) -> Estimate:
+    from noiseid_cli.estimators import joint_srukf
+
+    options = joint_srukf.JointOptions(**{k: v for k, v in t.options.items() if k != "hold_process_noise"})
+    return joint_srukf.estimate(t.equations, t.model, t.recordings, t.start, t.parameters, options, t.progress)
+
+
+_METHODS: dict[str, Callable[[Task], Estimate]] = {
+    "em": _em,
+    "ml": _ml,
+    "alg2": _alg2,
+    "alg3": _alg3,
+    "asrukf": _asrukf,
+    "sb-asrukf": _sb_asrukf,
+    "joint-srukf": _joint_srukf,
+}
