@@ -19,7 +19,11 @@ def methods(json: Json = False) -> None:
             "unknowns": [kind for kind in KINDS if kind in options.can],
             "structures": [word for word in STRUCTURES if word in options.structures],
             "options": {
-                field: {"default": info.default, "description": info.description}
+                field: {
+                    "default": None if info.is_required() else info.default,
+                    "required": info.is_required(),
+                    "description": info.description,
+                }
                 for field, info in options.model_fields.items()
                 if field != "method"
             },
@@ -35,7 +39,10 @@ def methods(json: Json = False) -> None:
         answer(filled(f"{name}: {options.summary}", width(), "\n", "  "))
         pairs = [("estimates", options.estimates), ("options", "")]
         pairs += [
-            (f"  {field}", f"{info.description} (default {_short(info.default)})")
+            (
+                f"  {field}",
+                f"{info.description} ({'required' if info.is_required() else f'default {_short(info.default)}'})",
+            )
             for field, info in options.model_fields.items()
             if field != "method"
         ]
@@ -58,4 +65,6 @@ def _overview() -> None:
 
 
 def _short(default: object) -> str:
+    if default in ({}, ()):
+        return "none"
     return f"{default:g}" if isinstance(default, float) else str(default)

@@ -207,3 +207,54 @@ def test_the_exact_scheme_is_for_linear_models():
         problem.message == "exact is for linear dynamics only; the rate of dqa1 is not linear: why: take rk4 or euler"
     )
     assert simulated("model.discretisation=exact") == []
+
+
+ADAPTIVE = (
+    "estimate.parameters={j1: {start: 1}}",
+    "estimate.process_noise={start: {std: [2, 1, 1, 1]}, structure: diagonal, fixed: [va2, vm1, vm2]}",
+)
+HERE = "estimate.methods.x"
+
+
+@pytest.mark.parametrize(
+    ("options", "place", "words"),
+    [
+        ("method: asrukf, parameter_covariance: {va1: 1}", f"{HERE}.parameter_covariance", "no entry for j1"),
+        (
+            "method: asrukf, parameter_covariance: {va1: 1, j1: 1, va2: 1}",
+            f"{HERE}.parameter_covariance.va2",
+            "va2 is not estimated here; what this table may name: va1, j1",
+        ),
+        (
+            "method: sb-asrukf, parameter_covariance: {va1: 1, j1: 1}, thresholds: {va1: 0.1}",
+            f"{HERE}.thresholds.va1",
+            "may name: j1",
+        ),
+        (
+            "method: joint-srukf, parameter_covariance: {j1: 1}, parameter_noise: {j: 1}",
+            f"{HERE}.parameter_noise",
+            "no entry for j1",
+        ),
+        (
+            "method: joint-srukf, parameter_covariance: {j1: 1}, parameter_noise: {j1: 1}",
+            HERE,
+            "joint-srukf cannot estimate what estimate.process_noise asks for",
+        ),
+        (
+            "method: asrukf, structure: full, parameter_covariance: {va1: 1, j1: 1}",
+            HERE,
+            "takes a process noise of structure diagonal, fixed, not full",
+        ),
+    ],
+)
+def test_tables_of_the_online_filters(options, place, words):
+    problems = simulated(*ADAPTIVE, f"estimate.methods={{x: {{{options}}}}}")
+    found = {".".join(map(str, p.path)) if not isinstance(p.path, str) else p.path: p.message for p in problems}
+    assert words in found[place]
+
+
+def test_complete_tables_of_the_online_filters_fit():
+    both = "parameter_covariance: {va1: 1, j1: 1}"
+    joint = "parameter_covariance: {j1: 1}, parameter_noise: {j1: 0}, hold_process_noise: true"
+    methods = f"{{asrukf: {{{both}}}, sb-asrukf: {{{both}, thresholds: {{j1: 0.1}}}}, joint-srukf: {{{joint}}}}}"
+    assert simulated(*ADAPTIVE, f"estimate.methods={methods}") == []
