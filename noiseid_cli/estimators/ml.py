@@ -116,6 +116,8 @@ def estimate(
     trace = _trace(coordinates, warm, likelihood.visited)
     series: tuple[Series, ...] = ()
     if options.profile is not None and wanted is not None and end.status == "converged":
+        units = {name: unit for name, unit, _ in declared}
+        wanted = replace(wanted, unit=units.get(wanted.name, "") if wanted.of == "parameter" else wanted.unit)
         series = (profile(likelihood, end.climb.point, end.information, wanted, options.profile),)
     final, _ = coordinates.unpack(end.climb.point.z)
     return Estimate(

@@ -203,10 +203,11 @@ def _interval(at: Array, drops: Array) -> str:
 
 
 def _crossing(at: Sequence[float] | Array, drops: Sequence[float] | Array) -> float | None:
-    """Where the profile falls through -1.92 beyond its maximum, by linear interpolation; None if it does not."""
+    """Where the profile falls through -1.92 beyond its maximum, by its root as a line; None if it does not."""
     top = int(np.nanargmax(drops))
     for i in range(top, len(drops) - 1):
         if drops[i + 1] < -DROP <= drops[i]:
-            share = (drops[i] + DROP) / (drops[i] - drops[i + 1])
+            near, far = np.sqrt(max(-drops[i], 0.0)), np.sqrt(-drops[i + 1])
+            share = (np.sqrt(DROP) - near) / (far - near)
             return float(at[i] + share * (at[i + 1] - at[i]))
     return None

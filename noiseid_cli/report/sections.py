@@ -15,6 +15,7 @@ from noiseid_cli.report.noise_units import noise_units_table
 from noiseid_cli.report.reading import best, converged, evaluation, group, remark
 from noiseid_cli.report.study import Study
 from noiseid_cli.report.tables import Table
+from noiseid_cli.report.unknown_parameters import parameter_estimates, profile_plot
 
 
 @dataclass(frozen=True)
@@ -58,6 +59,7 @@ def sections(study: Study) -> list[Section]:
         Section("sweep", "What do the varied settings change?", _sweep(study)),
         Section("estimate", "The estimate: before and after", _estimate(study)),
         Section("deviations", "Which standard deviations?", _deviations(study)),
+        Section("unknown-parameters", "Which parameters?", _parameters(study)),
         Section("starts", "Do the starts agree?", _starts(study)),
         Section("methods", "How do the methods compare?", _comparison(study)),
         Section("online", "How did the estimates move over time?", _online(study)),
@@ -161,6 +163,10 @@ def _deviations(study: Study) -> tuple[Block, ...]:
     tables = (table(study, "Q"),) if held else (table(study, "Q"), table(study, "R"))
     both = noise_units_table(study)
     return (*tables, *([both] if both else []), *build.correlation_tables(study))
+
+
+def _parameters(study: Study) -> tuple[Block, ...]:
+    return tuple(block for block in (parameter_estimates(study), profile_plot(study)) if block)
 
 
 def _starts(study: Study) -> tuple[Block, ...]:

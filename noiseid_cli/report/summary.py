@@ -23,6 +23,7 @@ from noiseid_cli.report.study import Study
 from noiseid_cli.report.sweep import sweep_table
 from noiseid_cli.report.tables import Table
 from noiseid_cli.report.tracking import hold_table, tracking_table
+from noiseid_cli.report.unknown_parameters import parameter_estimates
 
 
 def terminal_tables(study: Study) -> list[Table]:
@@ -50,6 +51,7 @@ def terminal_tables(study: Study) -> list[Table]:
         tables.append(std_summary_table(study, "R") if many else _std(study, "R"))
     if not many and all(r.Q_true is None for r in study.results):
         tables.append(consistency_table(study))
+    tables += [parameter_estimates(study)] if not many else []
     tables += [tracking_table(study), hold_table(study)]
     tables += [starts_table(study)] if start_groups(study) else []
     return [table for table in (*tables, *published_tables(study)) if table is not None]

@@ -76,3 +76,18 @@ def test_the_linear_model_of_the_readme_runs(tmp_path):
     assert ran.exit_code == 0, ran.output
     shown = CliRunner().invoke(app, ["models", "show", str(tmp_path / "linear.yaml")])
     assert "d w/dt = k·p + u1 + v1" in shown.output
+
+
+def test_the_example_of_parameters_weighs_the_pendulum(log, monkeypatch):
+    (example,) = [text for text in blocks("yaml") if "experiment: weighed" in text]
+    (log / "noiseid.yaml").write_text(example)
+    monkeypatch.chdir(log)
+    result = CliRunner().invoke(app, ["run", "--json", "--quiet", "--set", "estimate.methods.ml.profile.points=5"])
+    assert result.exit_code == 0, result.output
+    import json
+
+    tables = {t["name"]: t["rows"] for t in json.loads(result.stdout)["tables"]}
+    for row in tables["parameter-estimates"]:
+        assert abs(row["Estimate"] - row["Truth"]) < 5 * row["Standard error"]
+    assert [row["Truth"] for row in tables["parameter-estimates"]] == [0.05, 0.8]
+    assert (log / "runs/weighed/report/figures/profiles.svg").exists()
