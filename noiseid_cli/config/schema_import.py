@@ -201,7 +201,7 @@ class Import(Base):
             refuse("differs from another name in upper and lower case only", at=["recordings", twin])
         for name, source in self.recordings.items():
             if source.time is None and self.time is None:
-                refuse("has no time: give time here or for all recordings", at=["recordings", name])
+                refuse("has no time: give a column or an interval, here or for all recordings", at=["recordings", name])
             for i, other in enumerate(source.also):
                 if other.time is None and self.time is None:
                     refuse("has no time: give time here or for all", at=["recordings", name, "also", i])
