@@ -17,6 +17,7 @@ from noiseid_cli import __version__  # noqa: E402
 from noiseid_cli.commands import (  # noqa: E402
     check,
     cite,
+    diff,
     env,
     estimate,
     export,
@@ -53,6 +54,7 @@ app.command()(status.status)
 app.command()(check.check)
 app.command()(init.init)
 app.command()(inspect.inspect)
+app.command()(diff.diff)
 app.command()(methods.methods)
 app.command()(cite.cite)
 app.command()(env.env)

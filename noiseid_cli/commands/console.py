@@ -22,7 +22,7 @@ from noiseid_cli.errors import ConfigError, NoiseidError
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-BUG, FAULTY, UNFINISHED, SIGNALLED = 1, 3, 4, 128
+BUG, FAULTY, UNFINISHED, DIFFERENT, SIGNALLED = 1, 3, 4, 5, 128
 
 
 class Stopped(KeyboardInterrupt):

@@ -6,6 +6,7 @@ from noiseid_cli.commands.console import guarded
 from noiseid_cli.commands.options import (
     RUNS,
     Config,
+    Dask,
     DryRun,
     Force,
     Jobs,
@@ -31,6 +32,7 @@ def estimate(
     force: Force = False,
     dry_run: DryRun = False,
     wait: Wait = False,
+    dask: Dask = "",
     quiet: Quiet = False,
     verbose: Verbose = False,
     json: Json = False,
@@ -51,6 +53,7 @@ def estimate(
         force=force,
         dry_run=dry_run,
         wait=wait,
+        dask=dask,
         quiet=quiet,
         verbose=verbose,
         json=json,

@@ -25,6 +25,15 @@ Out = Annotated[Path, typer.Option("--out", "-o", metavar="FOLDER", help="Folder
 Force = Annotated[bool, typer.Option("--force", "-f", help="Do again what is done already.")]
 DryRun = Annotated[bool, typer.Option("--dry-run", "-n", help="Say what would be done, and do nothing.")]
 Wait = Annotated[bool, typer.Option("--wait", help="Wait for a run that is at work in the same folder.")]
+Dask = Annotated[
+    str,
+    typer.Option(
+        "--dask",
+        metavar="ADDRESS",
+        help="Work on the dask cluster with this scheduler (tls://HOST:PORT, tcp://HOST:PORT or its scheduler file), "
+        "or local: --jobs workers on this machine.",
+    ),
+]
 Method = Annotated[
     list[str] | None,
     typer.Option(

@@ -3,7 +3,21 @@
 from __future__ import annotations
 
 from noiseid_cli.commands.console import guarded
-from noiseid_cli.commands.options import RUNS, Config, DryRun, Force, Jobs, Json, Out, Quiet, Seed, Set, Verbose, Wait
+from noiseid_cli.commands.options import (
+    RUNS,
+    Config,
+    Dask,
+    DryRun,
+    Force,
+    Jobs,
+    Json,
+    Out,
+    Quiet,
+    Seed,
+    Set,
+    Verbose,
+    Wait,
+)
 
 
 @guarded
@@ -16,6 +30,7 @@ def simulate(
     force: Force = False,
     dry_run: DryRun = False,
     wait: Wait = False,
+    dask: Dask = "",
     quiet: Quiet = False,
     verbose: Verbose = False,
     json: Json = False,
@@ -32,6 +47,7 @@ def simulate(
         force=force,
         dry_run=dry_run,
         wait=wait,
+        dask=dask,
         quiet=quiet,
         verbose=verbose,
         json=json,

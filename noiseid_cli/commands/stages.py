@@ -40,6 +40,7 @@ class Job:
     force: bool
     dry_run: bool
     wait: bool
+    dask: str
     json: bool
     stages: dict[str, list[Token]] = field(default_factory=dict)
     waiting: int = 0
@@ -59,7 +60,7 @@ class Job:
             ]
             return
         with self.listener:
-            tokens = run_units(self.context, stage, units, self.listener, self.jobs, self.force, self.wait)
+            tokens = run_units(self.context, stage, units, self.listener, self.jobs, self.force, self.wait, self.dask)
         self.stages[stage] = tokens
         failed = sum(token.state == "failed" for token in tokens)
         if failed and len(tokens) > 1:
@@ -185,16 +186,20 @@ def open_job(
     force: bool = False,
     dry_run: bool = False,
     wait: bool = False,
+    dask: str = "",
     quiet: bool = False,
     verbose: bool = False,
     json: bool = False,
 ) -> Job:
     """Find and open the experiment, and say which one was taken."""
     from noiseid_cli.config.load import find_experiment
+    from noiseid_cli.pipeline.cluster import check_address
     from noiseid_cli.pipeline.context import open_experiment
 
+    if dask:
+        check_address(dask)  # a wrong one is told before anything is made
     found = find_experiment(config)
     heard = listener(quiet, verbose)
     heard.say(found.sentence)
     context = open_experiment(found.file, out, overrides or (), seed, heard.say)
-    return Job(context, heard, jobs, force, dry_run, wait, json)
+    return Job(context, heard, jobs, force, dry_run, wait, dask, json)

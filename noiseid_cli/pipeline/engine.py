@@ -1,4 +1,4 @@
-"""Runs the units of a stage, here or in several processes of this machine.
+"""Runs the units of a stage, here, in several processes of this machine, or on a dask cluster.
 
 A unit writes its own file before it returns; what travels back is a short token. So whatever ends a run, the files
 that are there are complete, and the next run goes on with the missing ones. The results do not depend on the number of
@@ -11,6 +11,7 @@ from collections.abc import Generator, Sequence
 from contextlib import closing, nullcontext, suppress
 
 from noiseid_cli.errors import DataError
+from noiseid_cli.pipeline.cluster import on_cluster
 from noiseid_cli.pipeline.context import Context
 from noiseid_cli.pipeline.making import Listener, Token, Unit, found, make
 from noiseid_cli.pipeline.workers import in_processes
@@ -24,6 +25,7 @@ def run_units(
     jobs: int = 1,
     force: bool = False,
     wait: bool = False,
+    dask: str = "",
 ) -> list[Token]:
     """Make every unit that is not there; with ``force``, all of them.
 
@@ -35,6 +37,7 @@ def run_units(
         jobs: number of processes; 1 works in this one.
         force: make units anew that are there.
         wait: wait for a run that is at work in the same folder.
+        dask: address of a dask scheduler that makes them, or ``local``; empty for processes of this machine.
 
     Returns:
         One token per unit, in the order of ``units``.
@@ -47,11 +50,11 @@ def run_units(
     # With nothing to make, a folder may be anybody's, or not be writable at all.
     at_rest = not force and all(unit.done for unit in units)
     with nullcontext() if at_rest else locked(context.folder, listener.say, wait):
-        return _run(context, stage, units, listener, jobs, force)
+        return _run(context, stage, units, listener, jobs, force, dask)
 
 
 def _run(
-    context: Context, stage: str, units: Sequence[Unit], listener: Listener, jobs: int, force: bool
+    context: Context, stage: str, units: Sequence[Unit], listener: Listener, jobs: int, force: bool, dask: str
 ) -> list[Token]:
     from noiseid_cli.storage.atomic import sweep_parts
 
@@ -64,7 +67,12 @@ def _run(
     for token in damaged:
         listener.end(token)
     workers = min(jobs, len(todo))
-    at_work = _here(context, todo, listener) if workers <= 1 else in_processes(context, todo, listener, workers)
+    if dask and todo:
+        at_work = on_cluster(context, todo, listener, dask, jobs)
+    elif workers > 1:
+        at_work = in_processes(context, todo, listener, workers)
+    else:
+        at_work = _here(context, todo, listener)
     # Closed at once when the run is interrupted: worker processes end with it.
     by_name = {unit.name: unit for unit in todo}
     with closing(at_work):

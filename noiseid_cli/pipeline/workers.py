@@ -38,7 +38,7 @@ class WorkerError(Exception):
 
 
 @dataclass(frozen=True)
-class _Recipe:
+class Recipe:
     """What a worker needs to open the experiment again, and to see that it is still the same."""
 
     file: Path
@@ -57,6 +57,17 @@ class _Recipe:
         if context.fingerprint != self.fingerprint:
             raise DataError(f"{self.file} or its model was changed while this run started: run the same command again")
         return context
+
+
+def recipe_of(context: Context) -> Recipe:
+    """What a worker needs to open the same experiment, wherever it was started."""
+    return Recipe(
+        context.loaded.file.absolute(),
+        context.root.absolute(),
+        context.overrides,
+        context.seed,
+        context.fingerprint,
+    )
 
 
 class _Teller:
@@ -81,7 +92,7 @@ class _Teller:
         self._pipe.send(("say", sentence))
 
 
-def _work(recipe: _Recipe, pipe: Connection) -> None:
+def _work(recipe: Recipe, pipe: Connection) -> None:
     """Life of a worker: take a unit, make it, tell the end."""
     teller = _Teller(pipe)
     context: Context | None = None
@@ -123,8 +134,7 @@ def in_processes(context: Context, units: Sequence[Unit], listener: Listener, wo
     Raises:
         WorkerError: a bug showed in a worker.
     """
-    loaded = context.loaded
-    recipe = _Recipe(loaded.file.absolute(), context.root, context.overrides, context.seed, context.fingerprint)
+    recipe = recipe_of(context)
     waiting = deque(units)
     deaths: Counter[str] = Counter()
     crew: list[_Worker] = []
@@ -185,7 +195,7 @@ def _bury(worker: _Worker, deaths: int) -> Token | None:
     return Token(unit.name, unit.path, "failed", message, tries=deaths)
 
 
-def _hire(recipe: _Recipe, unit: Unit) -> _Worker:
+def _hire(recipe: Recipe, unit: Unit) -> _Worker:
     """Start a worker on its first unit."""
     spawn = multiprocessing.get_context("spawn")
     ours, theirs = spawn.Pipe()

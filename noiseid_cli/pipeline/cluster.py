@@ -1,0 +1,217 @@
+"""Units on a dask cluster: a unit writes its own file on the worker, and only its token travels.
+
+So the scheduler holds nothing worth keeping. Workers may die, join late and be many: what has its file is done, a unit
+whose worker died goes to another one, and two workers that make the same unit leave the same file. Workers and this
+process must see the same folders under the same names, and run the same noiseid.
+"""
+
+from __future__ import annotations
+
+import re
+import threading
+import traceback
+from collections import deque
+from collections.abc import Generator, Sequence
+from contextlib import ExitStack, suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
+
+from noiseid_cli.errors import DataError, NoiseidError
+from noiseid_cli.pipeline.context import Context
+from noiseid_cli.pipeline.making import Listener, Token, Unit, make
+from noiseid_cli.pipeline.unit import DatasetUnit
+from noiseid_cli.pipeline.workers import TRIES, Recipe, WorkerError, recipe_of
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+LOCAL = "local"
+_LOOPBACK = ("127.0.0.1", "localhost", "::1")
+_PATIENCE = 10.0  # s until a scheduler that does not answer counts as not there
+_LOST = (
+    "the connection to the dask scheduler was lost; what is finished is kept, and the same command goes on from there"
+)
+_KILLED = "its worker died {} times (killed for want of memory?): run the same command again, on larger workers"
+
+
+def on_cluster(
+    context: Context, units: Sequence[Unit], listener: Listener, address: str, workers: int
+) -> Generator[Token]:
+    """Make units on a dask cluster; tokens come in the order in which the units end.
+
+    Args:
+        context: the opened experiment; each worker opens it again.
+        units: what to make.
+        listener: is told what goes on.
+        address: of the scheduler, such as ``tcp://127.0.0.1:8786``, or its file, or ``local`` for one of our own.
+        workers: number of workers, for ``local``.
+
+    Raises:
+        DataError: there is no scheduler at the address, it is lost, or its workers cannot run noiseid.
+        WorkerError: a bug showed in a worker.
+    """
+    recipe = recipe_of(context)
+    with ExitStack() as stack:
+        client = _connect(address, workers, stack, listener)
+        waiting, pending = deque(units), dict[Any, Unit]()
+        stack.callback(_drop, client, pending)
+        while waiting or pending:
+            # As many as can run: a unit that waits at a worker would be counted when that worker dies.
+            room = max(1, sum(_threads(client).values()))
+            while waiting and len(pending) < room:
+                unit = waiting.popleft()
+                pending[client.submit(work, recipe, _absolute(unit), pure=False)] = unit
+                listener.begin(unit.name)
+            for future in _ended(client, pending):
+                unit = pending.pop(future)
+                yield replace(_token(future, unit), unit=unit.name, path=unit.path)
+
+
+def work(recipe: Recipe, unit: Unit) -> Token | str:
+    """What a worker does: make one unit, tell how it ended; a bug is told as the text of its traceback."""
+    try:
+        with _opening:
+            context = _opened.get(recipe)
+            if context is None:
+                context = _opened[recipe] = recipe.open(lambda _: None)
+        return make(context, unit, _Silent())
+    except NoiseidError as error:
+        return Token(unit.name, unit.path, "failed", str(error))
+    except Exception:
+        return traceback.format_exc()
+
+
+_opening = threading.Lock()
+_opened: dict[Recipe, Context] = {}
+
+
+class _Silent:
+    """The listener on a worker: the token tells all."""
+
+    def stage(self, name: str, total: int, there: int) -> None:
+        """Not told."""
+
+    def begin(self, unit: str) -> None:
+        """Not told."""
+
+    def passed(self, unit: str, passes: int, loglik: float) -> None:
+        """Not told."""
+
+    def end(self, token: Token) -> None:
+        """Not told."""
+
+    def say(self, sentence: str) -> None:
+        """Not told."""
+
+
+def check_address(address: str) -> None:
+    """Refuse what cannot be a scheduler's address.
+
+    Raises:
+        DataError: it is neither ``local``, a file, nor of the form ``tcp://HOST:PORT``.
+    """
+    known = address == LOCAL or Path(address).is_file() or re.fullmatch(r"(tcp|tls|ws|wss|ucx)://[^\s/]+:\d+", address)
+    if not known:
+        raise DataError(
+            f"--dask {address!r}: give the address of a dask scheduler, such as tls://node1:8786 or "
+            "tcp://127.0.0.1:8786, or its scheduler file, or local"
+        )
+
+
+def _connect(address: str, workers: int, stack: ExitStack, listener: Listener) -> Client:
+    """A client of the scheduler; closed with the stack."""
+    check_address(address)
+    try:
+        import dask
+        from distributed import Client, LocalCluster
+    except ImportError as error:
+        raise DataError("--dask needs dask.distributed: pip install 'noiseid[cluster]'") from error
+    target: Any = address
+    if address == LOCAL:
+        stack.enter_context(
+            dask.config.set(
+                {"distributed.scheduler.allowed-failures": TRIES - 1, "distributed.scheduler.worker-saturation": 1.0}
+            )
+        )
+        # On this machine only: the page of its state too.
+        target = stack.enter_context(
+            LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                host=_LOOPBACK[0],
+                dashboard_address="127.0.0.1:0",
+                silence_logs=50,
+            )
+        )
+    elif urlsplit(address).scheme == "tcp" and urlsplit(address).hostname not in _LOOPBACK:
+        listener.say(
+            "dask's tcp:// is neither encrypted nor authenticated: anybody who reaches the scheduler can run code "
+            "on its workers. Use tls:// on a network that you do not trust."
+        )
+    try:
+        if Path(address).is_file():
+            client = Client(scheduler_file=address, timeout=_PATIENCE)
+        else:
+            client = Client(target, timeout=_PATIENCE)
+    except (OSError, ValueError) as error:
+        raise DataError(f"no dask scheduler answers at {address}: {error}; is it running?") from error
+    stack.callback(client.close, timeout=1.0)
+    if not _threads(client):
+        listener.say(f"Waiting for workers of the dask scheduler at {address}.")
+    return client
+
+
+def _threads(client: Client) -> dict[str, int]:
+    """Number of threads of each worker that is there now."""
+    try:
+        return dict(client.nthreads())
+    except (OSError, ValueError) as error:
+        raise DataError(_LOST) from error
+
+
+def _ended(client: Client, pending: dict[Any, Unit]) -> list[Any]:
+    """The futures that have ended, within a second or so; new workers are looked for meanwhile."""
+    from distributed import wait
+
+    with suppress(TimeoutError):
+        wait(list(pending), timeout=1.0, return_when="FIRST_COMPLETED")
+    if client.status != "running":
+        raise DataError(_LOST)
+    return [future for future in pending if future.status != "pending"]
+
+
+def _token(future: Future[Any], unit: Unit) -> Token:
+    """How a unit ended, from its future."""
+    from distributed import KilledWorker
+
+    if future.status == "finished":
+        told = future.result(timeout=_PATIENCE)
+        if isinstance(told, str):
+            raise WorkerError(told)
+        token: Token = told
+        return token
+    if future.status == "error":
+        error = future.exception(timeout=_PATIENCE)
+        if isinstance(error, KilledWorker):
+            tries = error.allowed_failures + 1
+            return Token(unit.name, unit.path, "failed", _KILLED.format(tries), tries=tries)
+        raise DataError(f"the workers cannot run noiseid: {type(error).__name__}: {error}") from error
+    raise DataError(_LOST)
+
+
+def _absolute(unit: Unit) -> Unit:
+    """The unit with paths that a worker understands, wherever it was started."""
+    path = unit.path.absolute()
+    if isinstance(unit, DatasetUnit):
+        return replace(unit, path=path)
+    held_out = unit.held_out and replace(unit.held_out, path=unit.held_out.path.absolute())
+    return replace(unit, path=path, dataset=replace(unit.dataset, path=unit.dataset.path.absolute()), held_out=held_out)
+
+
+def _drop(client: Client, pending: dict[Any, Unit]) -> None:
+    """Give up what has not ended."""
+    if pending:
+        with suppress(Exception):  # the scheduler may be gone: there is nothing left to give up then
+            client.cancel(list(pending), force=True)

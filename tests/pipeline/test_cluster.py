@@ -1,0 +1,134 @@
+"""Units on a dask cluster: the same bits, whatever happens to its workers."""
+
+import os
+import signal
+import threading
+
+import dask
+import pytest
+from distributed import LocalCluster
+from small_experiment import CONFIG, MODEL, arrays_of, noiseid, write_experiment
+
+from noiseid_cli.errors import DataError
+from noiseid_cli.pipeline.cluster import check_address
+from noiseid_cli.pipeline.context import open_experiment
+from noiseid_cli.pipeline.engine import run_units
+from noiseid_cli.pipeline.units import dataset_units
+from noiseid_cli.pipeline.workers import TRIES, WorkerError
+from noiseid_cli.storage.failure_file import read_failure
+
+# distributed leaves sockets to the garbage collector when its workers are killed.
+pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
+
+
+class Record:
+    """A listener that keeps what it is told."""
+
+    def __init__(self):
+        self.told = []
+
+    def __getattr__(self, name):
+        return lambda *what: self.told.append((name, *what))
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    """Two workers, and a scheduler that gives up a unit as our own does."""
+    settings = {"distributed.scheduler.allowed-failures": TRIES - 1}
+    with (
+        dask.config.set(settings),
+        LocalCluster(
+            n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0", silence_logs=50
+        ) as cluster,
+    ):
+        yield cluster
+
+
+def files(folder):
+    return {path.name: path for path in (folder / "small").rglob("*.h5")}
+
+
+def test_the_same_bits_as_with_one_process_while_workers_die(tmp_path, cluster, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    more = "sweep:\n  axes:\n    noise: {vary: simulate.process_noise.std.0, values: [0.5, 1.0, 2.0]}\n"
+    file = write_experiment(tmp_path, CONFIG + more)
+    assert noiseid("run", file.name, "-q", "-o", "one").exit_code == 0
+
+    def kill():
+        os.kill(next(iter(cluster.workers.values())).pid, signal.SIGKILL)
+
+    for seconds in (1.0, 3.0):
+        threading.Timer(seconds, kill).start()
+    ran = noiseid("run", file.name, "-o", "many", "--dask", cluster.scheduler_address)  # a relative folder
+    assert ran.exit_code == 0, ran.stderr
+    one, many = files(tmp_path / "one"), files(tmp_path / "many")
+    assert len(one) == 9
+    assert sorted(many) == sorted(one)
+    assert all(arrays_of(many[name]) == arrays_of(one[name]) for name in one)
+    assert not list((tmp_path / "many").rglob("*.part"))
+    again = noiseid("run", file.name, "-o", "many", "--dask", cluster.scheduler_address)
+    assert "estimate: 6 units, all there already" in again.stderr
+
+
+POISON = """
+import os
+if os.getpid() != PARENT:
+    import noiseid_cli.pipeline.datasets as d
+    real = d.make_dataset
+    def make(context, unit):
+        if unit.replicate == 1:
+            FAULT
+        return real(context, unit)
+    d.make_dataset = make
+"""
+
+
+def poisoned(folder, fault, replicates=3):
+    file = write_experiment(folder)
+    code = POISON.replace("PARENT", str(os.getpid())).replace("FAULT", fault)
+    (folder / "cart.py").write_text(MODEL + code)
+    context = open_experiment(file, folder, [f"simulate.replicates={replicates}"])
+    return context, dataset_units(context)
+
+
+def test_a_unit_that_kills_its_worker_is_given_up_after_three_tries(tmp_path, cluster):
+    context, units = poisoned(tmp_path, "os.kill(os.getpid(), 9)")
+    tokens = run_units(context, "simulate", units, Record(), dask=cluster.scheduler_address)
+    assert [token.state for token in tokens] == ["made", "failed", "made"]
+    assert tokens[1].message.startswith(f"its worker died {TRIES} times")
+    assert read_failure(units[1].path).tries == TRIES
+    assert [token.path for token in tokens] == [unit.path for unit in units]
+
+
+def test_an_error_on_a_worker_is_a_token_and_a_bug_is_reported(tmp_path, cluster):
+    (tmp_path / "a").mkdir()
+    context, units = poisoned(tmp_path / "a", "from noiseid_cli.errors import DataError; raise DataError('it rained')")
+    tokens = run_units(context, "simulate", units, Record(), dask=cluster.scheduler_address)
+    assert [token.message for token in tokens][1] == "it rained"
+    (tmp_path / "b").mkdir()
+    context, units = poisoned(tmp_path / "b", "1 / 0")
+    with pytest.raises(WorkerError, match="ZeroDivisionError"):
+        run_units(context, "simulate", units, Record(), dask=cluster.scheduler_address)
+
+
+@pytest.mark.parametrize("address", ["nowhere", "http://a:1", "tcp://a", "tls://", "/etc", "tcp://a:1/../x"])
+def test_what_is_no_address_is_refused_before_anything_is_made(tmp_path, address):
+    with pytest.raises(DataError, match="give the address of a dask scheduler"):
+        check_address(address)
+    refused = noiseid("run", write_experiment(tmp_path), "--dask", address, "-o", tmp_path / "runs")
+    assert refused.exit_code == 3
+    assert not (tmp_path / "runs").exists()
+
+
+def test_a_scheduler_that_is_not_there_is_told_of(tmp_path, monkeypatch):
+    monkeypatch.setattr("noiseid_cli.pipeline.cluster._PATIENCE", 0.5)
+    refused = noiseid("simulate", write_experiment(tmp_path), "--dask", "tcp://127.0.0.1:9", "-o", tmp_path / "runs")
+    assert refused.exit_code == 3
+    assert "no dask scheduler answers at tcp://127.0.0.1:9" in refused.stderr
+
+
+def test_local_makes_workers_of_its_own_on_this_machine_only(tmp_path):
+    file = write_experiment(tmp_path)
+    ran = noiseid("simulate", file, "--dask", "local", "-j", "1", "-o", tmp_path / "runs")
+    assert ran.exit_code == 0, ran.stderr
+    assert len(files(tmp_path / "runs")) == 1
