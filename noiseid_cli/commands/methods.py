@@ -58,7 +58,8 @@ def _overview() -> None:
     for name, options in METHOD_OPTIONS.items():
         marks = ("yes" if kind in options.can else "-" for kind in KINDS)
         words = [word for word in STRUCTURES if word in options.structures]
-        rows.append((name, *marks, "all" if len(words) == len(STRUCTURES) else ", ".join(words)))
+        taken = "all" if len(words) == len(STRUCTURES) else ", ".join(words)
+        rows.append((name, *marks, taken if "Q" in options.can else "-"))
     for line in table(("method", *KINDS, "structures of Q"), rows, width(), ""):
         answer(line)
     answer(filled(f"All structures: {', '.join(STRUCTURES)}.", width(), "\n"))
