@@ -49,7 +49,8 @@ def _parameters_plot(study: Study, units: list[UnitResult], one: str) -> Plot:
     more = f" The first {MOST_PANELS} of {len(names)} unknowns are drawn." if len(names) > MOST_PANELS else ""
     caption = (
         "Estimates over time, with bands of two of their standard deviations where the method gives them; dashed, the "
-        "truth. A panel shows the range of the method that moves least; arrows say how far the others go."
+        "truth. Of two methods the one that moves less sets the range of a panel, of more the one in the middle; arrows "
+        "say how far the others go."
         f"{_held_words(study, units)}{more}{one}{study.chosen()}"
     )
     draw = partial(_draw_parameters, study, units, names[:MOST_PANELS])
@@ -73,38 +74,35 @@ def _draw_parameters(study: Study, units: list[UnitResult], names: list[str]) ->
         first = next(iter(tracks.values()))
         axis.plot(first.at, first.truth, **_TRUTH)  # type: ignore[arg-type]
         _shade(axis, held(study, units[0]))
-        _frame(axis, tracks, colours)
+        _frame(axis, tracks)
         axis.set_title(plot_text(f"{name} [{first.unit}]" if first.unit else name), loc="left")
         axis.margins(x=0.01)
     _below(axes, len(names))
-    legend_above(figure, axes[0])
+    legend_above(figure, max(axes, key=lambda a: len(a.get_legend_handles_labels()[1])))
     return figure
 
 
-def _frame(axis: Axes, tracks: dict[str, Track], colours: dict[str, str]) -> None:
-    """Limits of the method that moves least, and what leaves them; logarithmic where it moves over two decades."""
+def _frame(axis: Axes, tracks: dict[str, Track]) -> None:
+    """Limits of the method in the middle, and what leaves them; logarithmic where it moves over two decades."""
     ranges = {method: (float(np.nanmin(t.values)), float(np.nanmax(t.values))) for method, t in tracks.items()}
-    least_moved = min(ranges, key=lambda method: ranges[method][1] - ranges[method][0])
-    low, high = ranges[least_moved]
+    chosen = sorted(ranges, key=lambda method: ranges[method][1] - ranges[method][0])[(len(ranges) - 1) // 2]
+    low, high = ranges[chosen]
     truth = np.concatenate([t.truth[np.isfinite(t.truth)] for t in tracks.values()])
     if len(truth):
         low, high = min(low, float(truth.min())), max(high, float(truth.max()))
     if low > 0 and high > 100 * low:
         log_axis(axis, "y")
         # A variance that touches its floor now and then would squeeze all the rest.
-        usual = float(np.nanquantile(tracks[least_moved].values, 0.1))
+        usual = float(np.nanquantile(tracks[chosen].values, 0.1))
         bottom, top = min([usual, *truth]) / 3, high * 2
     else:
         margin = 0.08 * (high - low) or 0.08 * abs(high) or 1.0
         bottom, top = low - margin, high + margin
     axis.set_ylim(bottom, top)
-    place = 1.0
-    for method, (least, most) in ranges.items():
-        beyond = (("↓", least, least < bottom), ("↑", most, most > top))
-        text = " ".join(f"{arrow} {value:.3g}" for arrow, value, leaves in beyond if leaves)
-        if text:
-            axis.text(place, 1.03, text, transform=axis.transAxes, ha="right", size=7.5, color=colours[method])
-            place -= 0.035 * (len(text) + 1)
+    least, most = min(r[0] for r in ranges.values()), max(r[1] for r in ranges.values())
+    beyond = (("↓", least, least < bottom), ("↑", most, most > top))
+    text = " ".join(f"{arrow} {value:.3g}" for arrow, value, leaves in beyond if leaves)
+    axis.text(1.0, 1.03, text, transform=axis.transAxes, ha="right", size=7.5)
 
 
 def _shade(axis: Axes, span: tuple[float, float] | None, label: str | None = None) -> None:
