@@ -49,8 +49,8 @@ def _parameters_plot(study: Study, units: list[UnitResult], one: str) -> Plot:
     more = f" The first {MOST_PANELS} of {len(names)} unknowns are drawn." if len(names) > MOST_PANELS else ""
     caption = (
         "Estimates over time, with bands of two of their standard deviations where the method gives them; dashed, the "
-        "truth. Of two methods the one that moves less sets the range of a panel, of more the one in the middle; arrows "
-        "say how far the others go."
+        "truth. Of two methods the one that moves less sets the range of a panel, of more the one in the middle; "
+        "arrows say how far the others go."
         f"{_held_words(study, units)}{more}{one}{study.chosen()}"
     )
     draw = partial(_draw_parameters, study, units, names[:MOST_PANELS])

@@ -12,6 +12,9 @@ from noiseid_cli.outcome import UnitResult
 from noiseid_cli.report.reading import group
 from noiseid_cli.report.study import Study
 
+INTO_HOLD = 1.0
+"""Time from the begin of a hold after which drift counts, s: until then the motion still fades."""
+
 
 @dataclass(frozen=True)
 class Track:
@@ -119,9 +122,17 @@ def spans(flags: np.ndarray, at: Array) -> list[tuple[float, float]]:
 
 
 def held(study: Study, result: UnitResult) -> tuple[float, float] | None:
-    """Begin and end of the time in which the motion of a unit's data is held, s; None where it is not."""
-    data = study.dataset(result.dataset)
-    return data.held if data else None
+    """Begin and end of the time in which the motion of a unit's data is held, s; None where the curves miss it."""
+    data, found = study.dataset(result.dataset), series(result, "parameters")
+    if data is None or data.held is None or found is None:
+        return None
+    return data.held if in_hold(found.at, data.held).any() else None
+
+
+def in_hold(at: Array, hold: tuple[float, float]) -> np.ndarray:
+    """Which points lie in a hold, from where the motion before it has faded."""
+    flags: np.ndarray = (at >= hold[0] + INTO_HOLD) & (at <= hold[1])
+    return flags
 
 
 def _curve(result: UnitResult, which: str, name: str) -> Array | None:

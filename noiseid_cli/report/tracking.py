@@ -8,7 +8,17 @@ from collections.abc import Callable
 import numpy as np
 
 from noiseid_cli.outcome import UnitResult
-from noiseid_cli.report.over_time import Track, change_times, held, is_variance, online, track, tracked_names
+from noiseid_cli.report.over_time import (
+    INTO_HOLD,
+    Track,
+    change_times,
+    held,
+    in_hold,
+    is_variance,
+    online,
+    track,
+    tracked_names,
+)
 from noiseid_cli.report.reading import converged, group
 from noiseid_cli.report.study import Study
 from noiseid_cli.report.tables import Cell, Column, Missing, Table, number
@@ -18,9 +28,6 @@ LAST_SHARE = 0.25
 
 BAND = 0.1
 """Relative error within which an estimate counts as settled."""
-
-INTO_HOLD = 1.0
-"""Time from the begin of a hold after which drift counts, s: until then the motion still fades."""
 
 _UNKNOWN_TRUTH = "The truth is zero or not known"
 
@@ -128,7 +135,7 @@ def hold_table(study: Study) -> Table | None:
 def _hold_cells(used: list[tuple[Track, tuple[float, float]]]) -> tuple[Cell, ...]:
     if not used:
         return (Missing("No seed converged"),) * 5
-    adapted = [float(np.mean(t.gate[_within(t, h)])) for t, h in used]
+    adapted = [float(np.mean(t.gate[in_hold(t.at, h)])) for t, h in used]
     moved, largest = ([read(t, h) for t, h in used] for read in (_moved, _largest))
     back = [settling_time(t, h[1]) for t, h in used]
     return (
@@ -142,10 +149,6 @@ def _hold_cells(used: list[tuple[Track, tuple[float, float]]]) -> tuple[Cell, ..
     )
 
 
-def _within(t: Track, hold: tuple[float, float]) -> np.ndarray:
-    return (t.at >= hold[0] + INTO_HOLD) & (t.at <= hold[1])
-
-
 def _moved(t: Track, hold: tuple[float, float]) -> float:
     return _over_truth(t, hold, np.ptp)
 
@@ -155,8 +158,8 @@ def _largest(t: Track, hold: tuple[float, float]) -> float:
 
 
 def _over_truth(t: Track, hold: tuple[float, float], read: Callable[[np.ndarray], float]) -> float:
-    inside = _within(t, hold)
-    truth = abs(float(t.truth[inside][-1])) if inside.any() else float("nan")
+    inside = in_hold(t.at, hold)
+    truth = abs(float(t.truth[inside][-1]))
     return float(read(t.values[inside])) / truth if truth > 0 else float("nan")
 
 

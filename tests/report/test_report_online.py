@@ -93,6 +93,7 @@ def test_drift_in_the_hold_and_the_way_back():
     assert gated["max"] == pytest.approx(0.5, abs=0.01)
     assert gated["Settled after the hold"] == first_point_after(1.6094)
     assert hold_table(cases.study(held=None)) is None
+    assert hold_table(cases.study(held=(30.0, 40.0))) is None  # after the end of the curves
 
 
 def test_sentences_say_what_the_tables_hold():
