@@ -6,6 +6,7 @@ from noiseid_cli.commands.console import guarded
 from noiseid_cli.commands.options import (
     RUNS,
     Config,
+    Continue,
     Dask,
     DryRun,
     Force,
@@ -18,6 +19,7 @@ from noiseid_cli.commands.options import (
     Set,
     Verbose,
     Wait,
+    with_continuation,
 )
 
 
@@ -26,6 +28,7 @@ def estimate(
     config: Config = None,
     method: Method = None,
     overrides: Set = None,
+    go_on: Continue = None,
     seed: Seed = None,
     jobs: Jobs = 1,
     out: Out = RUNS,
@@ -47,7 +50,7 @@ def estimate(
     job = open_job(
         config,
         out,
-        overrides,
+        with_continuation(overrides, go_on),
         seed,
         jobs=jobs,
         force=force,

@@ -10,7 +10,8 @@ from noiseid_cli.commands.text import facts, filled, table
 @guarded
 def methods(json: Json = False) -> None:
     """List the methods: what each estimates, its options, its source."""
-    from noiseid_cli.config.methods import KINDS, METHOD_OPTIONS, STRUCTURES
+    from noiseid_cli.config.method_base import KINDS, STRUCTURES
+    from noiseid_cli.config.methods import METHOD_OPTIONS
 
     found = {
         name: {
@@ -52,7 +53,8 @@ def methods(json: Json = False) -> None:
 
 def _overview() -> None:
     """Method by kind of unknown and structure of the process noise."""
-    from noiseid_cli.config.methods import KINDS, METHOD_OPTIONS, STRUCTURES
+    from noiseid_cli.config.method_base import KINDS, STRUCTURES
+    from noiseid_cli.config.methods import METHOD_OPTIONS
 
     rows = []
     for name, options in METHOD_OPTIONS.items():

@@ -43,8 +43,26 @@ Method = Annotated[
         help="Label or method to run; may be given several times. Default: all of the experiment.",
     ),
 ]
+Continue = Annotated[
+    Path | None,
+    typer.Option(
+        "--continue",
+        metavar="RESULT",
+        help="A result of recursive-ml; the tests used now are taken in by it, the old ones are not needed.",
+        show_default=False,
+    ),
+]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress, only the answer and errors.")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Say more: each pass, each file.")]
 Json = Annotated[bool, typer.Option("--json", help="The answer as JSON.")]
 
 RUNS = Path("runs")
+
+
+def with_continuation(overrides: list[str] | None, result: Path | None) -> list[str] | None:
+    """The overrides, with the setting that ``--continue`` stands for."""
+    if result is None:
+        return overrides
+    import json
+
+    return [*(overrides or []), f"estimate.continue_from={json.dumps(str(result.absolute()))}"]

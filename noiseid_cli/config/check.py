@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+from noiseid_cli.config.check_ensemble import check_ensemble
 from noiseid_cli.config.check_methods import refusal
 from noiseid_cli.config.check_noise import check_choice, check_unit
 from noiseid_cli.config.check_online import check_online
 from noiseid_cli.config.check_simulate import check_simulate
 from noiseid_cli.config.document import Path
-from noiseid_cli.config.findings import Findings, ModelNames, check_length
+from noiseid_cli.config.findings import FREE, Findings, ModelNames, check_length
 from noiseid_cli.config.load import LoadedExperiment
 from noiseid_cli.config.schema_estimate import Estimate, MeanChoice
 from noiseid_cli.config.schema_import import Import
@@ -88,17 +91,19 @@ def _check_import(findings: Findings, section: Import, model: ModelNames) -> Non
 
 
 def _check_estimate(findings: Findings, estimate: Estimate, model: ModelNames) -> None:
+    first = model.first if estimate.initial_map is None else estimate.initial_map.names
     noises = (
         ("process_noise", model.noises, "process noises"),
         ("measurement_noise", model.outputs, "outputs"),
-        ("initial_covariance", model.states, "states"),
+        ("initial_covariance", first, FREE),
     )
     for name, names, what in noises:
         check_choice(findings.add, ("estimate", name), getattr(estimate, name), names, what)
     for name in ("known", "start"):
         path = ("estimate", "process_noise", name)
         check_unit(findings.add, path, getattr(estimate.process_noise, name), model.discretisation)
-    _check_mean(findings, estimate.initial_mean, model)
+    _check_mean(findings, estimate.initial_mean, first)
+    check_ensemble(findings.add, estimate, model.states, model.outputs)
     for name in estimate.parameters:
         if name not in model.parameters:
             findings.unknown(("estimate", "parameters", name), name, model.parameters, "parameters")
@@ -132,7 +137,7 @@ def _several_tests(loaded: LoadedExperiment) -> bool:
     return section.on_problem.gap == "split" or (section.group == "together" and len(section.recordings) > 1)
 
 
-def _check_mean(findings: Findings, choice: MeanChoice, model: ModelNames) -> None:
+def _check_mean(findings: Findings, choice: MeanChoice, first: Sequence[str]) -> None:
     name = "known" if choice.known is not None else "start"
     path: Path = ("estimate", "initial_mean", name)
     mean = getattr(choice, name)
@@ -141,7 +146,7 @@ def _check_mean(findings: Findings, choice: MeanChoice, model: ModelNames) -> No
         if section is not None:
             findings.add(path, "the truth is known for simulated tests only: give a list of numbers")
     elif not isinstance(mean, dict):
-        check_length(findings, path, mean, model.states, "states")
+        check_length(findings, path, mean, first, FREE)
     elif section is None:
         findings.add(path, "a list for each test goes with import: give truth or one list for all tests")
     else:
@@ -149,6 +154,6 @@ def _check_mean(findings: Findings, choice: MeanChoice, model: ModelNames) -> No
             if test not in section.recordings:
                 known = list(section.recordings)
                 findings.add((*path, test), f"is not a recording: {', '.join(known)}{did_you_mean(test, known)}")
-            check_length(findings, (*path, test), numbers, model.states, "states")
+            check_length(findings, (*path, test), numbers, first, FREE)
         if lacking := [recording for recording in section.recordings if recording not in mean]:
             findings.add(path, f"has no list for {', '.join(lacking)}")

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from noiseid_cli.config.methods import KINDS, METHOD_OPTIONS, STRUCTURES, MethodOptions
+from noiseid_cli.config.method_base import KINDS, STRUCTURES, MethodOptions
+from noiseid_cli.config.methods import METHOD_OPTIONS
 from noiseid_cli.config.methods_online import JointSrukfOptions
 from noiseid_cli.config.schema_estimate import Blocks, Estimate
 

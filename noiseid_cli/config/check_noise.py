@@ -29,8 +29,12 @@ def check_size(add: Add, path: Path, covariance: Covariance, names: Sequence[str
 
 def check_unit(add: Add, path: Path, covariance: NoiseCovariance | None, discretisation: str | None) -> None:
     """Refuse a density where the equations give the next state: nothing says how their noise goes with the interval."""
-    if covariance is not None and covariance.unit == "density" and discretisation == "discrete":
+    if covariance is None:
+        return
+    if covariance.unit == "density" and discretisation == "discrete":
         add((*path, "unit"), "density goes with differential equations; this model is discrete: take per_sample")
+    if covariance.unit == "per_sample" and discretisation == "van_loan":
+        add(path, "the model is driven by white noise, whose covariance is a density: add `unit: density`")
 
 
 def check_choice(add: Add, path: Path, choice: CovarianceChoice, names: Sequence[str], what: str) -> None:

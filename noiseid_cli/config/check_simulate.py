@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from noiseid_cli.config.check_noise import check_size, check_unit
 from noiseid_cli.config.document import Path
-from noiseid_cli.config.findings import Findings, ModelNames, check_length
+from noiseid_cli.config.findings import FREE, Findings, ModelNames, check_length
 from noiseid_cli.config.schema_simulate import Multisine, SCurve, Simulate, Square, Steps, Trajectory
 
 MEMORY_LIMIT_GIB = 1.0
@@ -16,7 +16,10 @@ def check_simulate(findings: Findings, simulate: Simulate, model: ModelNames) ->
     check_size(findings.add, ("simulate", "process_noise"), simulate.process_noise, model.noises, "process noises")
     check_unit(findings.add, ("simulate", "process_noise"), simulate.process_noise, model.discretisation)
     check_size(findings.add, ("simulate", "measurement_noise"), simulate.measurement_noise, model.outputs, "outputs")
-    check_length(findings, ("simulate", "initial_state"), simulate.initial_state, model.states, "states")
+    check_length(findings, ("simulate", "initial_state"), simulate.initial_state, model.first, FREE)
+    if simulate.initial_covariance is not None:
+        path: Path = ("simulate", "initial_covariance")
+        check_size(findings.add, path, simulate.initial_covariance, model.first, FREE)
     _check_memory(findings, simulate, model)
     interval = simulate.sample_time or model.sample_time
     if interval is None:

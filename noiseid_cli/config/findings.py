@@ -10,6 +10,9 @@ from noiseid_cli.config.load import LoadedExperiment
 from noiseid_cli.config.suggest import did_you_mean
 from noiseid_cli.errors import Problem
 
+FREE = "states with a free first value"
+"""What the entries of a law of the first state belong to."""
+
 
 @dataclass(frozen=True)
 class ModelNames:
@@ -20,6 +23,7 @@ class ModelNames:
         sample_time: the model's own interval between samples, s; None where it has none.
         discretisation: the model's own, one of discrete, euler, rk4, exact; None where that is not known.
         nonlinearity: why its dynamics are not linear, in words; empty where they are, or where nobody asks.
+        free: the states whose first value the model itself says nothing of; None for all.
         sample_time_parameter: the parameter that equals the sample time; empty where there is none.
     """
 
@@ -32,6 +36,12 @@ class ModelNames:
     discretisation: str | None = None
     nonlinearity: str = ""
     sample_time_parameter: str = ""
+    free: tuple[str, ...] | None = None
+
+    @property
+    def first(self) -> tuple[str, ...]:
+        """Names of the states whose first value has a law that the experiment gives."""
+        return self.states if self.free is None else self.free
 
 
 @dataclass

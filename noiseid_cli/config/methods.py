@@ -7,23 +7,10 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from pydantic import Field, model_validator
 
 from noiseid_cli.config.base import Base, Count, NotNegative, Positive, Text, WholeFrom0, refuse
-from noiseid_cli.config.method_base import KINDS, STRUCTURES, MethodOptions
+from noiseid_cli.config.method_base import KINDS, MethodOptions
+from noiseid_cli.config.methods_ensemble import BatchMlOptions, RecursiveMlOptions
 from noiseid_cli.config.methods_online import AsrukfOptions, JointSrukfOptions, SbAsrukfOptions
 from noiseid_cli.config.suggest import did_you_mean
-
-__all__ = [
-    "KINDS",
-    "METHOD_OPTIONS",
-    "STRUCTURES",
-    "Alg2Options",
-    "Alg3Options",
-    "EmOptions",
-    "MethodOptions",
-    "MlOptions",
-    "ProfileChoice",
-    "name_methods",
-    "pick_method",
-]
 
 
 class EmOptions(MethodOptions):
@@ -185,6 +172,8 @@ METHOD_OPTIONS: dict[str, type[MethodOptions]] = {
     "asrukf": AsrukfOptions,
     "sb-asrukf": SbAsrukfOptions,
     "joint-srukf": JointSrukfOptions,
+    "batch-ml": BatchMlOptions,
+    "recursive-ml": RecursiveMlOptions,
 }
 """Every known method, by the name used in experiment files."""
 

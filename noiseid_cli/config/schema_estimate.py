@@ -17,7 +17,9 @@ from pydantic import (
 
 from noiseid_cli.config.base import Base, Count, Label, Names, Numbers, Positive, Positives, Text, refuse, unique
 from noiseid_cli.config.covariance import Covariance, NoiseCovariance
-from noiseid_cli.config.methods import EmOptions, MethodOptions, name_methods, pick_method
+from noiseid_cli.config.method_base import MethodOptions
+from noiseid_cli.config.methods import EmOptions, name_methods, pick_method
+from noiseid_cli.config.schema_ensemble import CommonBias, InitialMap, TestRange
 from noiseid_cli.config.suggest import did_you_mean
 
 _STRUCTURES = ("full", "diagonal", "scale")
@@ -266,6 +268,20 @@ class Estimate(Base):
         default=None,
         description="leave out outliers: fit, test the innovations at the estimate, fit anew without what fails, until "
         "the set is at rest; held-out tests are scored whole. Default: off",
+    )
+    initial_map: InitialMap | None = Field(
+        default=None,
+        description="for batch-ml and recursive-ml: how the first state follows from what initial_mean and "
+        "initial_covariance are about; default: each state that the model leaves free is one of them",
+    )
+    common_bias: CommonBias | None = Field(
+        default=None, description="for batch-ml and recursive-ml: a bias of outputs that the tests share"
+    )
+    tests: TestRange = Field(default=TestRange(), description="which tests of each dataset are used")
+    continue_from: Text | None = Field(
+        default=None,
+        description="a result of recursive-ml that takes in the tests used here; --continue on the command line; a "
+        "relative path starts at the experiment file",
     )
     starts: Starts = Field(default=Starts(), description="starts to be tried")
     methods: Annotated[dict[Label, Method], Field(min_length=1), BeforeValidator(name_methods)] = Field(

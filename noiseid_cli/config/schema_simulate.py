@@ -6,7 +6,18 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, Strict, model_validator
 
-from noiseid_cli.config.base import Base, Count, NotNegative, NotNegatives, Numbers, Positive, Text, WholeFrom2, refuse
+from noiseid_cli.config.base import (
+    Base,
+    Count,
+    Matrix,
+    NotNegative,
+    NotNegatives,
+    Numbers,
+    Positive,
+    Text,
+    WholeFrom2,
+    refuse,
+)
 from noiseid_cli.config.covariance import Covariance, NoiseCovariance
 from noiseid_cli.simulation.s_curve import rests
 
@@ -100,7 +111,14 @@ class SCurve(Base):
         return self
 
 
-Trajectory = Annotated[Square | Zero | Multisine | Steps | SCurve, Field(discriminator="kind")]
+class StateFeedback(Base):
+    """The inputs are fed back from the state that a Kalman filter with the true model finds in the outputs."""
+
+    kind: Literal["state_feedback"] = Field(description="inputs fed back from a Kalman filter's state")
+    gain: Matrix = Field(description="u = -gain x: a row for each input, a column for each state")
+
+
+Trajectory = Annotated[Square | Zero | Multisine | Steps | SCurve | StateFeedback, Field(discriminator="kind")]
 
 
 class ParameterChange(Base):
@@ -146,4 +164,11 @@ class Simulate(Base):
     initial_state: Numbers | None = Field(
         default=None,
         description="first state of each test, in the units of the states; default: where the motion starts, or 0",
+    )
+    initial_covariance: Covariance | None = Field(
+        default=None,
+        description="covariance of the first state, drawn anew in each test; default: each test starts at its mean",
+    )
+    first_output: bool = Field(
+        default=True, description="false: the first sample is not measured, outputs begin one interval later"
     )

@@ -36,6 +36,7 @@ class LinearFamily:
         Q: (nv, nv) covariance of the process noise: per sample, or a spectral density where the model is discretised
             by ``van_loan``. R: (ny, ny) covariance of the measurement noise.
         process, measurement: indices of the variances in alpha.
+        density: Q of a noise that is held over each interval is a density: its covariance is Q / dt.
     """
 
     model: Model
@@ -44,6 +45,7 @@ class LinearFamily:
     R: Array
     process: tuple[int, ...] = ()
     measurement: tuple[int, ...] = ()
+    density: bool = False
 
     @cached_property
     def _rates(self) -> Rates:
@@ -111,6 +113,8 @@ class LinearFamily:
             W, dW = self._with_noise(alpha, G, dG)
             return discretise(F, L, W, dF, dL, dW, dt)
         A, B, G, dA, dB, dG = _held(self.model, (F, L, G), (dF, dL, dG), dt)
+        if self.density:
+            G, dG = G / np.sqrt(dt), dG / np.sqrt(dt)
         Q, dQ = self._with_noise(alpha, G, dG)
         return A, B, Q, dA, dB, dQ
 

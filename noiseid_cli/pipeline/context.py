@@ -211,6 +211,7 @@ class Context:
             discretisation=type(model).discretisation,
             nonlinearity=self._nonlinearity(model),
             sample_time_parameter=model.sample_time_parameter,
+            free=tuple(q.name for q in model.free_first_states),
         )
         return check_against(self.loaded, names)
 

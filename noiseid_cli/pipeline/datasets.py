@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from noiseid_cli.pipeline.context import Context
+from noiseid_cli.pipeline.first_state import simulated
 from noiseid_cli.pipeline.unit import DatasetUnit
 
 if TYPE_CHECKING:
@@ -57,23 +58,29 @@ def _simulate(context: Context, unit: DatasetUnit) -> Dataset:
     if kind == "s_curve" and settings["hold"] is not None:
         settings["hold"] = (settings["hold"]["begin"], settings["hold"]["end"])
     options = MOTIONS[kind].options(**settings)
-    plan = plan_motion(kind, options, context.model, context.simulator, section.samples)
-    Q = section.process_noise.matrix()
-    return simulate(
-        context.model,
-        context.simulator,
+    model, true_Q = context.model, section.process_noise.matrix()
+    held_Q = true_Q / model.sample_time if section.process_noise.unit == "density" else true_Q
+    white = model.discretisation == "van_loan"
+    compiled, Q, law = simulated(context, true_Q if white else held_Q, section.measurement_noise.matrix())
+    plan = plan_motion(kind, options, model, compiled, section.samples, law)
+    dataset = simulate(
+        model,
+        compiled,
         plan,
-        Q / context.model.sample_time if section.process_noise.unit == "density" else Q,
+        Q,
         section.measurement_noise.matrix(),
         seed=context.experiment.seed,
         samples=section.samples,
         tests=tests,
         replicate=unit.replicate,
-        x0=None if section.initial_state is None else np.array(section.initial_state),
+        x0=None if section.initial_state is None else law.m0[0],
+        P0=law.P0 if np.any(law.P0) else None,
         name=unit.own_name,
         stream=HELD_OUT if unit.held_out else STREAM,
         changes=[ParameterChange(**change.model_dump()) for change in section.parameter_changes],
+        first_output=section.first_output,
     )
+    return replace(dataset, Q_true=held_Q)
 
 
 def _import(context: Context, unit: DatasetUnit) -> Dataset:

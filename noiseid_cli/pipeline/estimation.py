@@ -6,30 +6,41 @@ import json
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from noiseid_cli.estimators.estimate import Estimate, Parameters, Progress
+from noiseid_cli.errors import EstimationError
+from noiseid_cli.estimators.estimate import Estimate, Progress
 from noiseid_cli.filters.gate import OutlierGate
 from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.outcome import UnitResult
 from noiseid_cli.pipeline.context import Context
 from noiseid_cli.pipeline.datasets import file_attributes
-from noiseid_cli.pipeline.methods import Task, filter_of, run_method
+from noiseid_cli.pipeline.ensembles import FirstStateLaw
+from noiseid_cli.pipeline.evaluating import (
+    Candidates,
+    at_estimate,
+    candidates,
+    compiled_at,
+    evaluate_all,
+    on_other_tests,
+)
+from noiseid_cli.pipeline.first_state import first_names
+from noiseid_cli.pipeline.methods import ENSEMBLES, Task, run_method
 from noiseid_cli.pipeline.noise_unit import conversion_interval, noise_names
 from noiseid_cli.pipeline.outliers import fit_without_outliers
 from noiseid_cli.pipeline.problem import check_time_constants, pose, pose_parameters
+from noiseid_cli.pipeline.truth import true_parameters
 from noiseid_cli.pipeline.unit import EstimateUnit
+from noiseid_cli.pipeline.units import earlier_result
 
 if TYPE_CHECKING:
-    from noiseid_cli.config.methods import MethodOptions
+    from noiseid_cli.config.method_base import MethodOptions
     from noiseid_cli.diagnostics.evaluation import Evaluation
     from noiseid_cli.estimators.unknowns import ParameterUnknowns, Unknowns
     from noiseid_cli.models.compiled import CompiledModel
-    from noiseid_cli.models.recording import Array, Dataset
-
-    Candidates = dict[str, tuple[NoiseValues, CompiledModel]]
+    from noiseid_cli.models.recording import Dataset
 
 
 def make_estimate(context: Context, unit: EstimateUnit, progress: Progress | None = None) -> UnitResult:
@@ -43,24 +54,27 @@ def make_estimate(context: Context, unit: EstimateUnit, progress: Progress | Non
     from noiseid_cli.storage.result_file import write_result
 
     began = time.perf_counter()
-    dataset = _read(context, unit.dataset.path)
+    dataset = _selected(context, _read(context, unit.dataset.path))
     section = context.experiment.estimate
     assert section is not None
     if unit.options.structure is not None:
         own = section.process_noise.model_copy(update={"structure": unit.options.structure})
         section = section.model_copy(update={"process_noise": own})
     check_time_constants(context.experiment.model.markov_noise, context.model.discretisation, dataset)
-    start, unknowns = pose(section, dataset, context.compiled, unit.start.factors, unit.start.measurement_factor)
-    parameters = pose_parameters(section)
+    first = first_names(context)
+    start, unknowns = pose(section, dataset, context.compiled, unit.start.factors, unit.start.measurement_factor, first)
+    posed = (unknowns, pose_parameters(section))
 
     def fit(used: Dataset) -> Estimate:
-        return _run(context, used, start, (unknowns, parameters), unit.options, progress)
+        return _run(context, used, start, posed, unit, progress)
 
     if section.outlier_gate is None:
         estimate = fit(dataset)
+    elif unit.options.method in ENSEMBLES:
+        raise EstimationError(f"outlier_gate does not go with {unit.options.method}")
     else:
         gate = OutlierGate(**section.outlier_gate.model_dump())
-        estimate, dataset = fit_without_outliers(fit, lambda e: _at_end(context, e), dataset, gate)
+        estimate, dataset = fit_without_outliers(fit, lambda e: _model_at(context, e), dataset, gate)
     structure = section.process_noise.structure
     words = structure if isinstance(structure, str) else "blocks"
     warned = rounding_warnings(dataset, estimate.final.R) if unit.dataset.recordings else []
@@ -69,13 +83,7 @@ def make_estimate(context: Context, unit: EstimateUnit, progress: Progress | Non
         settings={"structure": words, **estimate.settings},
         safeguards=(*estimate.safeguards, *warned),
     )
-    found = estimate.parameters
-    candidates = {
-        "start": (start, _with(context, found, None if found is None else found.start)),
-        "estimate": (estimate.final, _at_end(context, estimate)),
-    }
-    if dataset.Q_true is not None and dataset.R_true is not None:
-        candidates["truth"] = (NoiseValues(dataset.Q_true, dataset.R_true, start.m0, start.P0), context.compiled)
+    wanted = candidates(context, dataset, estimate)
     held_out = None if unit.held_out is None else _read(context, unit.held_out.path)
     result = UnitResult(
         unit=unit.own_name,
@@ -85,7 +93,7 @@ def make_estimate(context: Context, unit: EstimateUnit, progress: Progress | Non
         start_label=unit.start.label,
         replicate=unit.dataset.replicate,
         estimate=estimate,
-        evaluations=_evaluate(context, dataset, candidates, unit.options),
+        evaluations=evaluate_all(context, dataset.recordings, wanted, unit.options),
         noise_names=noise_names(context.model, context.density),
         output_names=dataset.outputs,
         state_names=dataset.states,
@@ -94,9 +102,9 @@ def make_estimate(context: Context, unit: EstimateUnit, progress: Progress | Non
         R_true=dataset.R_true,
         seconds=time.perf_counter() - began,
         seed=context.experiment.seed,
-        held_out={} if held_out is None else _score(context, held_out, candidates, unit.options),
+        held_out={} if held_out is None else _score(context, held_out, wanted, unit.options),
         held_out_tests=0 if held_out is None else len(held_out.recordings),
-        parameters_true=_true_parameters(context, dataset, estimate),
+        parameters_true=true_parameters(context, dataset, estimate),
         density=context.density,
         interval=conversion_interval(dataset, context.model, context.density),
     )
@@ -129,23 +137,6 @@ def _basis(context: Context, dataset: Dataset, estimate: Estimate) -> dict[str, 
     }
 
 
-def _at_end(context: Context, estimate: Estimate) -> CompiledModel:
-    """The model at the parameter values of an estimate."""
-    found = estimate.parameters
-    return _with(context, found, None if found is None else found.final)
-
-
-def _with(context: Context, parameters: Parameters | None, values: Array | None) -> CompiledModel:
-    """The model with the values of those of its parameters that were estimated."""
-    if parameters is None or values is None:
-        return context.compiled
-    vector, known = context.compiled.parameters.copy(), list(context.model.values)
-    for (name, _, _), value in zip(parameters.names, values, strict=True):
-        if name in known:
-            vector[known.index(name)] = value
-    return replace(context.compiled, parameters=vector)
-
-
 def _read(context: Context, path: Path) -> Dataset:
     """A dataset with the true Q, which is stored per sample, in the unit of the estimate."""
     from noiseid_cli.storage.dataset_file import read_dataset
@@ -162,19 +153,24 @@ def _run(
     dataset: Dataset,
     start: NoiseValues,
     unknowns: tuple[Unknowns, ParameterUnknowns],
-    options: MethodOptions,
+    unit: EstimateUnit,
     progress: Progress | None,
 ) -> Estimate:
     """Call the method; a filter that fails at the start itself makes a result with status `diverged`."""
     from noiseid_cli.filters.ekf import FilterDivergedError
 
-    settings = options.model_dump(exclude={"method", "structure"})
+    settings = unit.options.model_dump(exclude={"method", "structure"})
+    section = context.experiment.estimate
+    assert section is not None
+    law, state = FirstStateLaw.of(section), _state(context)
     try:
-        task = Task(context.compiled, context.model, dataset.recordings, start, *unknowns, settings, progress)
-        return run_method(options.method, task)
+        task = Task(
+            context.compiled, context.model, dataset.recordings, start, *unknowns, settings, progress, law, state
+        )
+        return run_method(unit.options.method, task)
     except FilterDivergedError as error:
         return Estimate(
-            method=options.method,
+            method=unit.options.method,
             status="diverged",
             reason=f"the filter fails at the start values: {error}",
             start=start,
@@ -187,39 +183,49 @@ def _run(
         )
 
 
-def _true_parameters(context: Context, dataset: Dataset, estimate: Estimate) -> Array | None:
-    """Truth of the estimated scalars: the model's own values, or those at the end of a test in which they change."""
-    if estimate.parameters is None or context.experiment.simulate is None:
-        return None
-    values = dict(context.model.values)
-    if (path := dataset.recordings[-1].parameters_true) is not None:
-        values |= zip((name for name, _, _ in dataset.parameters), path[-1].tolist(), strict=True)
-    return np.array([values.get(name, np.nan) for name, _, _ in estimate.parameters.names])
+def _model_at(context: Context, estimate: Estimate) -> CompiledModel:
+    """The compiled model at the parameter values of an estimate."""
+    return compiled_at(context, at_estimate(context.model, estimate))
 
 
-def _evaluate(
-    context: Context, dataset: Dataset, candidates: Candidates, options: MethodOptions
-) -> dict[str, Evaluation]:
-    """The method's own filter with each of the values against the data; those with which it fails are left out."""
-    from noiseid_cli.diagnostics.evaluate import evaluate
-    from noiseid_cli.filters.ekf import FilterDivergedError
+def _state(context: Context) -> dict[str, np.ndarray[Any, Any]]:
+    """What the earlier result left to go on from; nothing where the experiment names none.
 
-    own, weights = filter_of(options, context.compiled.nx)
-    out = {}
-    for label, (noise, model) in candidates.items():
-        try:
-            out[label] = evaluate(model, dataset.recordings, noise, label, own, weights)
-        except FilterDivergedError:
-            continue
-    return out
+    Raises:
+        EstimationError: it left nothing.
+    """
+    from noiseid_cli.storage.result_file import read_result
+
+    path = earlier_result(context)
+    if path is None:
+        return {}
+    state = read_result(path).estimate.state
+    if not state:
+        raise EstimationError(f"{path} is a result that nothing goes on from: name one of recursive-ml")
+    return state
 
 
-def _score(
-    context: Context, held_out: Dataset, candidates: Candidates, options: MethodOptions
-) -> dict[str, Evaluation]:
-    """The same on tests that no method has seen, which have first states of their own."""
+def _score(context: Context, held_out: Dataset, wanted: Candidates, options: MethodOptions) -> dict[str, Evaluation]:
+    """The filters on tests that no method has seen, which have first states of their own."""
     section = context.experiment.estimate
     assert section is not None
-    m0 = pose(section, held_out, context.compiled)[0].m0
-    moved = {label: (replace(noise, m0=m0), model) for label, (noise, model) in candidates.items()}
-    return _evaluate(context, held_out, moved, options)
+    m0 = pose(section, held_out, context.compiled, first=first_names(context))[0].m0
+    moved = on_other_tests(wanted, m0, section.initial_mean.start is not None)
+    return evaluate_all(context, held_out.recordings, moved, options)
+
+
+def _selected(context: Context, dataset: Dataset) -> Dataset:
+    """The dataset with the tests that are used.
+
+    Raises:
+        EstimationError: it has no such tests.
+    """
+    section = context.experiment.estimate
+    assert section is not None
+    chosen, count = section.tests, len(dataset.recordings)
+    last = count if chosen.last is None else chosen.last
+    if max(chosen.first, last) > count:
+        raise EstimationError(
+            f"estimate.tests asks for tests {chosen.first} to {last}, but dataset {dataset.name} has {count}"
+        )
+    return replace(dataset, recordings=dataset.recordings[chosen.first - 1 : last])

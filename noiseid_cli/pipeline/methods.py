@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from noiseid_cli.config.methods import EmOptions, MethodOptions
+from noiseid_cli.config.method_base import MethodOptions
+from noiseid_cli.config.methods import EmOptions
 from noiseid_cli.config.methods_online import OnlineOptions
+from noiseid_cli.errors import EstimationError
+from noiseid_cli.pipeline.ensembles import FirstStateLaw, ensemble
 
 if TYPE_CHECKING:
     from noiseid_cli.estimators.estimate import Estimate, Progress
@@ -17,6 +20,13 @@ if TYPE_CHECKING:
     from noiseid_cli.models.equations import Model
     from noiseid_cli.models.noise import NoiseValues
     from noiseid_cli.models.recording import Recording
+
+
+ENSEMBLES = ("batch-ml", "recursive-ml")
+"""The methods for ensembles of tests, whose first states have a law of their own."""
+
+CONTINUED = ("recursive-ml",)
+"""The methods that go on from an earlier result when new recordings come."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +41,8 @@ class Task:
         parameters: which of the model's parameters are estimated.
         options: the method's options by name.
         progress: called after each pass.
+        first: what is said of the first state beside its mean and covariance; for the methods for ensembles.
+        state: what an earlier run of the same method left, to go on from.
     """
 
     model: CompiledModel
@@ -41,6 +53,8 @@ class Task:
     parameters: ParameterUnknowns
     options: dict[str, Any]
     progress: Progress | None
+    first: FirstStateLaw = field(default_factory=FirstStateLaw)
+    state: dict[str, Any] = field(default_factory=dict)
 
 
 def run_method(name: str, task: Task) -> Estimate:
@@ -50,6 +64,10 @@ def run_method(name: str, task: Task) -> Estimate:
         EstimationError: the problem cannot be posed.
         FilterDivergedError: the filter fails at the start.
     """
+    if name not in ENSEMBLES:
+        _refuse_what_is_for_ensembles(name, task)
+    if task.state and name not in CONTINUED:
+        raise EstimationError(f"{name} cannot go on from a result; these can: {', '.join(CONTINUED)}")
     return _METHODS[name](task)
 
 
@@ -66,6 +84,19 @@ def filter_of(options: MethodOptions, nx: int) -> tuple[str, SigmaWeights | None
         return "extended", None
     own = em.EmOptions(**options.model_dump(exclude={"method", "structure"}))
     return own.smoother, own.weights(nx)
+
+
+def _refuse_what_is_for_ensembles(name: str, task: Task) -> None:
+    them = " and ".join(ENSEMBLES)
+    if task.first.given:
+        raise EstimationError(
+            f"{name} takes neither estimate.initial_map nor estimate.common_bias: they are for {them}"
+        )
+    if task.equations.discretisation == "van_loan":
+        raise EstimationError(
+            f"{task.equations.name} is driven by white noise, which is for {them}: {name} takes a noise that is held "
+            "over each interval; give model.discretisation: exact"
+        )
 
 
 def _em(t: Task) -> Estimate:
@@ -121,6 +152,23 @@ def _joint_srukf(t: Task) -> Estimate:
     return joint_srukf.estimate(t.equations, t.model, t.recordings, t.start, t.parameters, options, t.progress)
 
 
+def _batch_ml(t: Task) -> Estimate:
+    from noiseid_cli.estimators.cross_sectional.batch import BatchOptions
+    from noiseid_cli.estimators.cross_sectional.method import batch
+
+    options = dict(t.options)
+    at_tests = options.pop("at_tests")
+    return batch(ensemble(t), BatchOptions(**options), t.progress, at_tests)
+
+
+def _recursive_ml(t: Task) -> Estimate:
+    from noiseid_cli.estimators.cross_sectional.method import recursive
+    from noiseid_cli.estimators.cross_sectional.recursive_state import RecursiveOptions, RecursiveState
+
+    state = RecursiveState.from_arrays(t.state) if t.state else None
+    return recursive(ensemble(t), RecursiveOptions(**t.options), t.progress, state)
+
+
 _METHODS: dict[str, Callable[[Task], Estimate]] = {
     "em": _em,
     "ml": _ml,
@@ -129,4 +177,6 @@ _METHODS: dict[str, Callable[[Task], Estimate]] = {
     "asrukf": _asrukf,
     "sb-asrukf": _sb_asrukf,
     "joint-srukf": _joint_srukf,
+    "batch-ml": _batch_ml,
+    "recursive-ml": _recursive_ml,
 }

@@ -25,6 +25,7 @@ def pose(
     model: CompiledModel,
     factors: Sequence[float] = (),
     measurement_factor: float = 1.0,
+    first: Sequence[str] | None = None,
 ) -> tuple[NoiseValues, Unknowns]:
     """Start values and unknowns of one estimation unit.
 
@@ -34,6 +35,7 @@ def pose(
         model: names the noises, outputs and states.
         factors: (nv,) factor on each variance of the process noise's start; all 1 if not given.
         measurement_factor: factor on the start of the measurement noise.
+        first: what the initial mean and covariance are about; the states if not given.
 
     Raises:
         EstimationError: ``truth`` is asked of recordings that have none, or a test is not named.
@@ -41,7 +43,7 @@ def pose(
     Q, unknown_Q = _covariance(section.process_noise, model.noises, "process_noise", factors)
     same = (measurement_factor,) * model.ny
     R, unknown_R = _covariance(section.measurement_noise, model.outputs, "measurement_noise", same)
-    P0, unknown_P0 = _covariance(section.initial_covariance, model.states, "initial_covariance")
+    P0, unknown_P0 = _covariance(section.initial_covariance, first or model.states, "initial_covariance")
     m0 = _mean(section.initial_mean, dataset)
     unknowns = Unknowns(Q=unknown_Q, R=unknown_R, P0=unknown_P0, m0=section.initial_mean.start is not None)
     return NoiseValues(Q, R, m0, P0), unknowns

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from noiseid_cli.config.methods import MethodOptions
+from noiseid_cli.config.method_base import MethodOptions
 from noiseid_cli.pipeline.starts import Start
 
 

@@ -11,9 +11,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from noiseid_cli.config.check_methods import refusal
-from noiseid_cli.config.methods import METHOD_OPTIONS, MethodOptions
+from noiseid_cli.config.method_base import MethodOptions
+from noiseid_cli.config.methods import METHOD_OPTIONS
 from noiseid_cli.config.suggest import did_you_mean
-from noiseid_cli.errors import DataError, EstimationError
+from noiseid_cli.errors import ConfigError, DataError, EstimationError
 from noiseid_cli.pipeline.context import Context
 from noiseid_cli.pipeline.data_units import own_dataset_units
 from noiseid_cli.pipeline.keys import digest, unit_path
@@ -68,7 +69,10 @@ def _own_estimate_units(context: Context, datasets: list[DatasetUnit], methods: 
     chosen = chosen_methods(context, methods)
     section = context.experiment.estimate
     assert section is not None
-    common = section.model_dump(mode="json", exclude={"methods", "starts"})
+    common = section.model_dump(mode="json", exclude={"methods", "starts", "continue_from"})
+    earlier = earlier_result(context)
+    # Its content counts, not its place.
+    before = [] if earlier is None else [_sha256(context, earlier)]
     held_out = next((dataset for dataset in datasets if dataset.held_out), None)
     scored_on = held_out.key if held_out else None
     units = []
@@ -79,10 +83,28 @@ def _own_estimate_units(context: Context, datasets: list[DatasetUnit], methods: 
             for start in starts(context):
                 settings = options.model_dump(mode="json")
                 factors = [start.factors, start.measurement_factor]
-                key = digest("estimate", dataset.key, common, settings, factors, scored_on)
+                key = digest("estimate", dataset.key, common, settings, factors, scored_on, *before)
                 path = unit_path(context, "results", f"{dataset.own_name}.{label}.start-{start.index}", key)
                 units.append(EstimateUnit(dataset, label, options, start, held_out, key, path))
     return units
+
+
+def earlier_result(context: Context) -> Path | None:
+    """The result that estimates go on from, if the experiment names one."""
+    section = context.experiment.estimate
+    named = None if section is None else section.continue_from
+    return None if named is None else context.loaded.resolve(named)
+
+
+def _sha256(context: Context, path: Path) -> str:
+    import hashlib
+
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        where = ("estimate", "continue_from")
+        text = f"{path}: {error.strerror}; name a result of recursive-ml"
+        raise ConfigError(str(context.loaded.file), [context.loaded.problem(where, text)]) from None
 
 
 def waiting_units(context: Context, units: Sequence[EstimateUnit], force: bool = False) -> list[EstimateUnit]:

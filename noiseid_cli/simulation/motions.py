@@ -12,8 +12,10 @@ from noiseid_cli.errors import ModelError
 from noiseid_cli.models.compiled import CompiledModel
 from noiseid_cli.models.equations import Model
 from noiseid_cli.models.known_inputs import with_known_inputs
+from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.models.recording import Array
 from noiseid_cli.simulation import signals
+from noiseid_cli.simulation.feedback import StateFeedback
 from noiseid_cli.simulation.robot_controller import RobotController, robot_reference
 from noiseid_cli.simulation.rollout import Controller
 from noiseid_cli.simulation.s_curve import Cascade, SCurve, rests
@@ -138,6 +140,17 @@ def _s_curve(options: SCurveMotion, model: Model, compiled: CompiledModel, sampl
     return Plan(controller, np.zeros(compiled.nx))
 
 
+@dataclass(frozen=True)
+class Feedback:
+    """Options of kind ``state_feedback``: inputs fed back from a filter's state, see ``StateFeedback``.
+
+    Attributes:
+        gain: a row for each input, a column for each state.
+    """
+
+    gain: tuple[tuple[float, ...], ...]
+
+
 def _square(options: Square, model: Model, compiled: CompiledModel, samples: int) -> Plan:
     _require(options.side > 0 and options.side_time > 0, "square: side and side_time must be above 0.")
     path = SquarePath(corner=options.corner, side=options.side, side_time=options.side_time)
@@ -171,6 +184,15 @@ def _steps(options: Steps, model: Model, compiled: CompiledModel, samples: int) 
     )
 
 
+def _feedback(options: Feedback, model: Model, compiled: CompiledModel, samples: int, law: NoiseValues) -> Plan:
+    rows, columns = len(options.gain), {len(row) for row in options.gain}
+    _require(
+        rows == compiled.nu and columns == {compiled.nx},
+        f"state_feedback: gain must have {compiled.nu} rows (inputs) of {compiled.nx} numbers (states).",
+    )
+    return Plan(StateFeedback(compiled, model.sample_time, np.array(options.gain), law), law.m0[0])
+
+
 def _open_loop(model: Model, u: Array) -> Plan:
     everything = with_known_inputs(model, np.ascontiguousarray(u), "the simulation")
     return Plan(signals.Signal(everything), np.zeros(len(model.states)))
@@ -197,13 +219,14 @@ class Motion:
 
     Attributes:
         options: dataclass of its options; an option without a default is required.
-        build: makes the plan from (options, model, compiled, samples).
+        build: makes the plan from (options, model, compiled, samples), and the law of all noise where it ``knows_law``.
         models: names of the models that it is for; empty for all.
     """
 
     options: type
-    build: Callable[[Any, Model, CompiledModel, int], Plan]
+    build: Callable[..., Plan]
     models: tuple[str, ...] = ()
+    knows_law: bool = False
 
 
 MOTIONS = {
@@ -212,11 +235,14 @@ MOTIONS = {
     "multisine": Motion(Multisine, _multisine),
     "steps": Motion(Steps, _steps),
     "s_curve": Motion(SCurveMotion, _s_curve),
+    "state_feedback": Motion(Feedback, _feedback, knows_law=True),
 }
 """Each kind that may stand as ``trajectory: {kind: ...}``."""
 
 
-def plan_motion(kind: str, options: Any, model: Model, compiled: CompiledModel, samples: int) -> Plan:
+def plan_motion(
+    kind: str, options: Any, model: Model, compiled: CompiledModel, samples: int, law: NoiseValues | None = None
+) -> Plan:
     """The motion of one kind for one model.
 
     Args:
@@ -224,6 +250,7 @@ def plan_motion(kind: str, options: Any, model: Model, compiled: CompiledModel, 
         options: instance of that motion's options.
         model, compiled: the model and its compiled functions.
         samples: number of samples of each test.
+        law: true Q and R and the law of the first state; some motions need it.
 
     Raises:
         ModelError: the kind is not known or not for this model, or an option does not fit the model.
@@ -234,4 +261,7 @@ def plan_motion(kind: str, options: Any, model: Model, compiled: CompiledModel, 
     if motion.models and model.name not in motion.models:
         others = ", ".join(k for k, m in MOTIONS.items() if not m.models or model.name in m.models)
         raise ModelError(f"trajectory: kind {kind} is not for {model.name}; for this model: {others}.")
-    return motion.build(options, model, compiled, samples)
+    if not motion.knows_law:
+        return motion.build(options, model, compiled, samples)
+    _require(law is not None, f"{kind}: the law of the noise is needed.")
+    return motion.build(options, model, compiled, samples, law)

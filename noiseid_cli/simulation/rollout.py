@@ -54,7 +54,7 @@ class Rollout:
 
 
 @kernel(types.void(types.int64, DriftJacobian, vector, vector, vector, f8, vector, vector, matrix, matrix, vector))
-def _advance(scheme, jacobian, x, u, v, dt, p, x_next, F, G, work):  # type: ignore[no-untyped-def]
+def advance(scheme, jacobian, x, u, v, dt, p, x_next, F, G, work):  # type: ignore[no-untyped-def]
     """x_next = F1(x, u) + F2(x, u) v (axelsson2011_poster, eq. 1a)."""
     transition(scheme, jacobian, x, u, dt, p, x_next, F, G, work)
     for i in range(x.size):
@@ -118,7 +118,7 @@ def rollout(
         if compiled.performance is not None:
             compiled.performance(x, u, p, out.z[k])
         if k < N - 1:
-            _advance(compiled.scheme, compiled.drift_jacobian, x, u, v[k], dt, p, x_next, F, G, work)
+            advance(compiled.scheme, compiled.drift_jacobian, x, u, v[k], dt, p, x_next, F, G, work)
             x[:] = x_next
     return out
 

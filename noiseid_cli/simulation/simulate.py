@@ -38,6 +38,7 @@ def simulate(
     name: str = "simulated",
     stream: int = STREAM,
     changes: Sequence[ParameterChange] = (),
+    first_output: bool = True,
 ) -> Dataset:
     """Simulate tests that differ in their noise only.
 
@@ -59,6 +60,7 @@ def simulate(
         name: label of the dataset.
         stream: family of random streams, ``STREAM`` or ``HELD_OUT``.
         changes: of the model's parameters, in every test; the dataset then carries the true values over time.
+        first_output: outputs are measured at the first sample too; else one interval later for the first time.
 
     Raises:
         ModelError: a change names no parameter of the model.
@@ -81,6 +83,8 @@ def simulate(
         rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(stream, replicate, test))))
         v = rng.standard_normal((samples - 1, compiled.nv)) @ chol_Q.T
         e = rng.standard_normal((samples, compiled.ny)) @ chol_R.T
+        if not first_output:
+            e[0] = np.nan
         first = mean + chol_P0 @ rng.standard_normal(compiled.nx)
         label = f"test {test + 1}"
         out = rollout(compiled, plan.controller, first, v, e, dt, label, parameters)

@@ -28,6 +28,7 @@ CHECKS = {
     "enum": lambda v, s: v in s,
     "required": lambda v, s: not isinstance(v, dict) or all(k in v for k in s),
     "minimum": lambda v, s: not TYPES["number"](v) or v >= s,
+    "maximum": lambda v, s: not TYPES["number"](v) or v <= s,
     "exclusiveMinimum": lambda v, s: not TYPES["number"](v) or v > s,
     "minLength": lambda v, s: not isinstance(v, str) or len(v) >= s,
     "maxLength": lambda v, s: not isinstance(v, str) or len(v) <= s,

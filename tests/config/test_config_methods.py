@@ -15,6 +15,8 @@ ELSEWHERE = {  # module, class, options that only one side has
     "asrukf": ("adaptive_srukf", "AdaptiveOptions", {"monitor", "thresholds"}),
     "sb-asrukf": ("adaptive_srukf", "AdaptiveOptions", {"monitor"}),
     "joint-srukf": ("joint_srukf", "JointOptions", {"hold_process_noise"}),
+    "batch-ml": ("cross_sectional.batch", "BatchOptions", {"at_tests"}),
+    "recursive-ml": ("cross_sectional.recursive_state", "RecursiveOptions", set()),
 }
 
 

@@ -8,7 +8,8 @@ from pydantic import ValidationError
 
 from noiseid_cli.config.covariance import Covariance, smallest_eigenvalue
 from noiseid_cli.config.load import load_experiment
-from noiseid_cli.config.methods import METHOD_OPTIONS, MethodOptions
+from noiseid_cli.config.method_base import MethodOptions
+from noiseid_cli.config.methods import METHOD_OPTIONS
 from noiseid_cli.errors import ConfigError
 
 SIMULATED = """

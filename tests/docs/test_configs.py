@@ -14,6 +14,8 @@ SHORT = {
     "axelsson2011_replicates": ["--set", "simulate.samples=150", "--set", "simulate.replicates=2",
                                 "--set", "simulate.held_out.tests=1"],
     "local_level": [],
+    "porter1983": ["--set", "simulate.tests=8", "--set", "simulate.samples=60",
+                   "--set", "estimate.methods.batch-ml.at_tests=[5]"],
     "quickstart": ["--set", "simulate.samples=150", "--set", "estimate.methods.em-plain.max_passes=4"],
     "riva2017_one_link": ["--set", "simulate.samples=1500", "--set", "simulate.replicates=1",
                           "--set", "simulate.parameter_changes=[{at: 0.2, scale: {mu_v: 4}}]"],

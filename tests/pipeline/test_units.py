@@ -180,7 +180,11 @@ def test_methods_are_found_by_label_then_by_name(small):
     assert list(chosen_methods(context)) == ["a", "alg3"]
     assert chosen_methods(context, ["alg3"])["alg3"].method == "em"  # a label goes before a method of that name
     assert list(chosen_methods(context, ["em"])) == ["a", "alg3"]
+    with pytest.raises(EstimationError, match=r"alg2 takes .*diagonal"):  # its start is full here
+        chosen_methods(context, ["alg2"])
+    context = opened(small, "estimate.methods={a: {method: em}}", "estimate.process_noise.structure=diagonal")
     assert chosen_methods(context, ["alg2"])["alg2"].method == "alg2"
+    context = opened(small, "estimate.methods={a: {method: em, max_passes: 5}, alg3: {method: em}}")
     with pytest.raises(EstimationError, match=r"'emm' is not a method; known: a, alg3, em, .*did you mean em\?"):
         chosen_methods(context, ["emm"])
 

@@ -88,7 +88,7 @@ def ignorant_filter(m: ParametricMatrices, recording: Recording, T: Array) -> Wh
     """Filter one test as if b were zero; columns [nu_I T], with the derivative columns of the cross blocks."""
     nx, nb = T.shape
     na = len(m.dA)
-    columns = np.hstack((np.zeros((nx, 1)), T))
+    columns = np.ascontiguousarray(np.hstack((np.zeros((nx, 1)), T)))
     zeros = np.zeros((na, nx, 1 + nb))
     return run_filter(m, recording, m.S_a.copy(), m.dS_a.copy(), -columns, zeros, columns, zeros.copy())
 

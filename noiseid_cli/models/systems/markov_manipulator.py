@@ -29,7 +29,7 @@ class MarkovManipulator(Model):
         Quantity("x3", "m/s^2", "push of the Markov process, as an acceleration"),
     )
     inputs = (Quantity("command", "m/s^2", "commanded acceleration"),)
-    noises = (Quantity("w", "1/s^0.5", "white noise of unit spectral density"),)
+    noises = (Quantity("w", "1", "white noise of unit spectral density"),)
     outputs = (Quantity("z", "m", "measured position"),)
     parameters = (
         Parameter("q", 0.02, "m^2/s^5", "spectral density of what drives the Markov process", source="chosen"),
