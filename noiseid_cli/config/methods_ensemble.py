@@ -24,6 +24,7 @@ class BatchMlOptions(MethodOptions):
         "Control, 1983"
     )
     can: ClassVar[frozenset[str]] = frozenset({"Q", "R", "m0", "P0", "parameters"})
+    structures: ClassVar[frozenset[str]] = frozenset({"diagonal", "fixed"})
 
     method: Literal["batch-ml"] = Field(
         default="batch-ml", description="batch maximum likelihood; default: the label it stands under"
@@ -49,6 +50,7 @@ class RecursiveMlOptions(MethodOptions):
     estimates: ClassVar[str] = BatchMlOptions.estimates
     citation: ClassVar[str] = BatchMlOptions.citation
     can: ClassVar[frozenset[str]] = BatchMlOptions.can
+    structures: ClassVar[frozenset[str]] = BatchMlOptions.structures
 
     method: Literal["recursive-ml"] = Field(
         default="recursive-ml", description="recursive maximum likelihood; default: the label it stands under"
