@@ -11,7 +11,24 @@ from noiseid_cli.config.load import load_experiment
 from noiseid_cli.config.methods import METHOD_OPTIONS
 from noiseid_cli.models.registry import model_names
 
-COMMANDS = "run simulate import estimate report export status check init inspect methods cite env schema models".split()  # noqa: SIM905
+COMMANDS = [
+    "run",
+    "simulate",
+    "import",
+    "estimate",
+    "report",
+    "export",
+    "status",
+    "check",
+    "init",
+    "inspect",
+    "diff",
+    "methods",
+    "cite",
+    "env",
+    "schema",
+    "models",
+]
 
 
 def test_help_names_every_command_and_cuts_no_sentence(monkeypatch):
