@@ -50,8 +50,9 @@ format: $(READY) ## Bring the code into the project's format
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-bench: $(READY) ## Time a pass of EM against the textbook form, side by side
+bench: $(READY) ## Time a pass of EM against the textbook form, and a step of the online filters
 	$(BIN)/python benchmarks/em_pass.py
+	$(BIN)/python benchmarks/adaptive_step.py
 
 clean: ## Remove .venv, caches and runs
 	rm -rf $(VENV) $(RUNS) .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
