@@ -27,11 +27,29 @@ class PublishedTable(Base):
     note: Text | None = Field(default=None, description="what a reader must know to compare")
 
 
+class PublishedValue(Base):
+    """One published estimate."""
+
+    value: float = Field(description="the estimate")
+    error: float | None = Field(default=None, description="its standard error, where one is printed")
+
+
+class PublishedEstimates(Base):
+    """Published estimates of scalar unknowns, to stand beside ours of the same name."""
+
+    title: Text = Field(description="where they stand, such as Table 1")
+    methods: Annotated[dict[Label, dict[Text, PublishedValue]], Field(min_length=1)] = Field(
+        description="method label: {unknown, as the report names it: published estimate}"
+    )
+    note: Text | None = Field(default=None, description="what a reader must know to compare")
+
+
 class Published(Base):
     """A file of published figures."""
 
     source: Text = Field(description="where they are printed")
     tables: dict[Label, PublishedTable] = Field(default={}, description="the tables")
+    estimates: PublishedEstimates | None = Field(default=None, description="estimates of scalar unknowns")
     claims: tuple[Text, ...] = Field(default=(), strict=False, description="what the source claims, in sentences")
 
 

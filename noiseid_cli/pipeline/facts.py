@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from noiseid_cli.models.recording import Dataset
     from noiseid_cli.outcome import UnitResult
     from noiseid_cli.pipeline.unit import EstimateUnit
-    from noiseid_cli.report import DatasetFacts, ModelFacts, PublishedFacts, SweepFacts
+    from noiseid_cli.report import DatasetFacts, ModelFacts, PublishedEstimates, PublishedFacts, SweepFacts
 
 
 def model_facts(context: Context) -> ModelFacts:
@@ -64,14 +64,14 @@ def _held(context: Context) -> tuple[float, float] | None:
     return simulated.trajectory.hold.begin, simulated.trajectory.hold.end
 
 
-def published_facts(context: Context) -> tuple[list[PublishedFacts], list[str]]:
-    """Published tables to stand beside ours, and what their source claims."""
+def published_facts(context: Context) -> tuple[list[PublishedFacts], PublishedEstimates | None, list[str]]:
+    """Published tables and estimates to stand beside ours, and what their source claims."""
     from noiseid_cli.config.published import load_published
-    from noiseid_cli.report import PublishedFacts
+    from noiseid_cli.report import PublishedEstimates, PublishedFacts
 
     file = context.experiment.report.published
     if file is None:
-        return [], []
+        return [], None, []
     published = load_published(context.loaded.resolve(file))
     facts = [
         PublishedFacts(
@@ -86,7 +86,12 @@ def published_facts(context: Context) -> tuple[list[PublishedFacts], list[str]]:
         )
         for name, t in published.tables.items()
     ]
-    return facts, list(published.claims)
+    own = published.estimates
+    if own is None:
+        return facts, None, list(published.claims)
+    methods = {label: {name: (v.value, v.error) for name, v in row.items()} for label, row in own.methods.items()}
+    estimates = PublishedEstimates(own.title, methods, own.note or "", published.source)
+    return facts, estimates, list(published.claims)
 
 
 def named_at_point(result: UnitResult, unit: EstimateUnit) -> UnitResult:

@@ -72,7 +72,7 @@ def make_report_stage(context: Context, methods: list[str] | None = None, anew: 
     key = digest(
         "report",
         settings,
-        repr((study.published, study.claims)),
+        repr((study.published, study.estimates, study.claims)),
         study.environment,
         study.warnings,
         study.reproduce,
@@ -152,7 +152,7 @@ def gather(context: Context, methods: list[str] | None = None) -> tuple[Study, l
     named = [named_at_point(results[unit.path], unit) for unit in done if unit.path in results]
     data_units = {unit.dataset.path: unit.dataset for unit in reversed(done) if unit.dataset.done}
     datasets = _read(list(dict.fromkeys(u.dataset.path for u in done if u.dataset.done)), read_dataset, warnings)
-    published, claims = published_facts(context)
+    published, estimates, claims = published_facts(context)
     study = Study(
         title=context.experiment.report.title or context.experiment.experiment,
         experiment=context.experiment.experiment,
@@ -168,6 +168,7 @@ def gather(context: Context, methods: list[str] | None = None) -> tuple[Study, l
         citations=citations(context, methods),
         published=published,
         claims=claims,
+        estimates=estimates,
         sweep=sweep_facts(context, done),
     )
     return study, [*results, *datasets]

@@ -34,15 +34,15 @@ def _law(context: Context, dataset: Dataset) -> Iterator[tuple[str, float]]:
     first = [q.name for q in model.free_first_states]
     if section.initial_covariance is not None:
         for i, name in enumerate(first):
-            yield f"mean {name}", 0.0 if section.initial_state is None else section.initial_state[i]
-        yield from _entries(first, section.initial_covariance.matrix())
+            yield f"initial mean {name}", 0.0 if section.initial_state is None else section.initial_state[i]
+        yield from _entries("initial ", first, section.initial_covariance.matrix())
     for names, C in ((model.noises, dataset.Q_true), (model.outputs, dataset.R_true)):
         if C is not None:
-            yield from _entries([q.name for q in names], C)
+            yield from _entries("", [q.name for q in names], C)
 
 
-def _entries(names: Sequence[str], C: Array) -> Iterator[tuple[str, float]]:
+def _entries(of: str, names: Sequence[str], C: Array) -> Iterator[tuple[str, float]]:
     for i, name in enumerate(names):
-        yield f"variance {name}", float(C[i, i])
+        yield f"{of}variance {name}", float(C[i, i])
         for j in range(i + 1, len(names)):
-            yield f"covariance {name}, {names[j]}", float(C[i, j])
+            yield f"{of}covariance {name}, {names[j]}", float(C[i, j])

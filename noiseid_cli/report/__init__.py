@@ -1,7 +1,15 @@
 """Tables, figures and pages made from results."""
 
 from noiseid_cli.report.page import FORMATS, ReportFiles, make_report
-from noiseid_cli.report.study import DatasetFacts, ModelFacts, ParameterFact, PublishedFacts, Study, SweepFacts
+from noiseid_cli.report.study import (
+    DatasetFacts,
+    ModelFacts,
+    ParameterFact,
+    PublishedEstimates,
+    PublishedFacts,
+    Study,
+    SweepFacts,
+)
 from noiseid_cli.report.summary import terminal_tables
 
 __all__ = [
@@ -9,6 +17,7 @@ __all__ = [
     "DatasetFacts",
     "ModelFacts",
     "ParameterFact",
+    "PublishedEstimates",
     "PublishedFacts",
     "ReportFiles",
     "Study",

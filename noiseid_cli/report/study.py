@@ -104,6 +104,23 @@ class SweepFacts:
 
 
 @dataclass(frozen=True)
+class PublishedEstimates:
+    """Published estimates of scalar unknowns.
+
+    Attributes:
+        title: where they stand.
+        methods: by our method label and the name of the unknown, the estimate and its error, None where not printed.
+        note: what a reader must know to compare.
+        source: where they are printed.
+    """
+
+    title: str
+    methods: dict[str, dict[str, tuple[float, float | None]]]
+    note: str
+    source: str
+
+
+@dataclass(frozen=True)
 class Study:
     """Everything that a report shows.
 
@@ -119,6 +136,7 @@ class Study:
         citations: the papers behind the methods that ran.
         published: published tables that ours stand beside.
         claims: what their source claims, in sentences.
+        estimates: published estimates of scalar unknowns; None where there are none.
         sweep: what was varied; None where nothing was.
     """
 
@@ -133,6 +151,7 @@ class Study:
     citations: list[str] = field(default_factory=list)
     published: list[PublishedFacts] = field(default_factory=list)
     claims: list[str] = field(default_factory=list)
+    estimates: PublishedEstimates | None = None
     sweep: SweepFacts | None = None
 
     def dataset(self, name: str) -> DatasetFacts | None:

@@ -18,7 +18,9 @@ from noiseid_cli.report.build import (
 )
 from noiseid_cli.report.comparison import recovery_table, score_table
 from noiseid_cli.report.noise_units import noise_units_table
+from noiseid_cli.report.parameter_recovery import parameter_recovery
 from noiseid_cli.report.published import published_tables
+from noiseid_cli.report.side_by_side import compared, side_by_side
 from noiseid_cli.report.study import Study
 from noiseid_cli.report.sweep import sweep_table
 from noiseid_cli.report.tables import Table
@@ -51,7 +53,11 @@ def terminal_tables(study: Study) -> list[Table]:
         tables.append(std_summary_table(study, "R") if many else _std(study, "R"))
     if not many and all(r.Q_true is None for r in study.results):
         tables.append(consistency_table(study))
-    tables += [parameter_estimates(study)] if not many else []
+    together = side_by_side(study)
+    alone = (
+        parameter_estimates(study) if not many and (not together or len(compared(study)) < len(study.results)) else None
+    )
+    tables += [together, alone, parameter_recovery(study)]
     tables += [tracking_table(study), hold_table(study)]
     tables += [starts_table(study)] if start_groups(study) else []
     return [table for table in (*tables, *published_tables(study)) if table is not None]

@@ -47,7 +47,7 @@ def parameter_estimates(study: Study) -> Table | None:
         Column("Unit"), Column("Parameter"), Column("In"), Column("Start", digits=5), Column("Estimate", digits=5),
         Column("Standard error", digits=3), Column("Truth", digits=5),
     )  # fmt: skip
-    caption = "Standard errors are those of the observed information, with all other unknowns free."
+    caption = "Standard errors as the method reports them, with all other unknowns free."
     return Table("parameter-estimates", "Estimated parameters of the model", caption, columns, tuple(rows), keys=2)
 
 

@@ -67,14 +67,14 @@ class Ensemble:
     def names(self) -> Columns:
         """(name, unit, description) of every entry of theta."""
         b, c = self.first.columns, self.coordinates
-        means = [(f"mean {name}", unit, f"mean of the first {text or name}") for name, unit, text in b]
+        means = [(f"initial mean {name}", unit, f"mean of the first {text or name}") for name, unit, text in b]
         spreads = []
         for m, n in zip(c.rows, c.columns, strict=True):
             (first, unit, text), (second, other, _) = b[m], b[n]
             if m == n:
-                spreads.append((f"variance {first}", f"({unit})^2", f"variance of the first {text or first}"))
+                spreads.append((f"initial variance {first}", _squared(unit), f"variance of the first {text or first}"))
             else:
-                name = f"covariance {first}, {second}"
+                name = f"initial covariance {first}, {second}"
                 spreads.append((name, f"({unit}) ({other})", f"covariance of the first {first} and {second}"))
         return (*means, *spreads, *self.alpha_names)
 
@@ -130,6 +130,11 @@ class Ensemble:
         return Ensemble(
             self.family, self.compiled, self.recordings[:count], first, self.start, self.coordinates, self.alpha_names
         )
+
+
+def _squared(unit: str) -> str:
+    """Unit of a variance."""
+    return f"{unit}^2" if unit.isalpha() else f"({unit})^2"
 
 
 def observed(recordings: Sequence[Recording]) -> int:

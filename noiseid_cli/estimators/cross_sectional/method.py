@@ -182,10 +182,27 @@ def _parameters(ensemble: Ensemble, start: Theta, end: Theta, errors: Array) -> 
 
 def _over_tests(ensemble: Ensemble, counts: Array, values: Array, errors: Array) -> tuple[Series, ...]:
     axis, names = ("tests", ""), ensemble.names
-    return (
+    curves = (
         Series("over_tests", "Estimate over the number of tests", axis, counts, names, values),
         Series("over_tests_errors", "Standard errors over the number of tests", axis, counts, names, errors),
     )
+    sampled = _sampled_truth(ensemble)
+    return curves if sampled is None else (*curves, sampled)
+
+
+def _sampled_truth(ensemble: Ensemble) -> Series | None:
+    """Sample mean and covariance of the first states that the first tests had; None where they are not known."""
+    first, c = ensemble.first, ensemble.coordinates
+    if len(ensemble) < 2 or any(r.x_true is None for r in ensemble.recordings):
+        return None
+    pairs = zip(first.maps, ensemble.recordings, strict=True)
+    b = np.array([np.linalg.lstsq(T, r.x_true[0])[0] for T, r in pairs if r.x_true is not None])
+    counts = np.arange(2, len(b) + 1)
+    spreads = [np.atleast_2d(np.cov(b[:n], rowvar=False))[c.rows, c.columns] for n in counts]
+    values = np.hstack(([b[:n].mean(axis=0) for n in counts], spreads))
+    names = ensemble.names[: c.n_beta]
+    title = "Sample moments of the true first states over the number of tests"
+    return Series("sampled_truth", title, ("tests", ""), counts.astype(float), names, values)
 
 
 def _settings(ensemble: Ensemble, options: dict[str, Any]) -> dict[str, Any]:
