@@ -33,7 +33,7 @@ def over_tests(result: UnitResult, name: str = "over_tests") -> Series | None:
     return next((s for s in result.estimate.series if s.name == name), None)
 
 
-def tests_plot(study: Study) -> Plot | None:
+def ensemble_plot(study: Study) -> Plot | None:
     """Estimates and their errors over the number of tests, a panel for each unknown; None without a recursion."""
     units = [r for r in study.results if r.dataset == study.results[0].dataset and over_tests(r) is not None]
     if study.sweep or not any(len(_curve(r).at) > 1 for r in units):

@@ -12,7 +12,7 @@ from noiseid_cli.report.figures import convergence_plot, std_plots
 from noiseid_cli.report.figures_online import online_plots
 from noiseid_cli.report.figures_time import autocorrelation_plot, nis_plot, path_error_plot
 from noiseid_cli.report.noise_units import noise_units_table
-from noiseid_cli.report.over_tests import approach_table, tests_plot
+from noiseid_cli.report.over_tests import approach_table, ensemble_plot
 from noiseid_cli.report.parameter_recovery import parameter_recovery
 from noiseid_cli.report.reading import best, converged, evaluation, group, remark
 from noiseid_cli.report.side_by_side import compared, side_by_side
@@ -173,7 +173,7 @@ def _parameters(study: Study) -> tuple[Block, ...]:
     # What stands side by side needs no long table of its own, and many units stand in the table of their means.
     needless = len(study.results) > build.MANY or (together and len(compared(study)) == len(study.results))
     tables = (together, None if needless else parameter_estimates(study))
-    blocks = (*tables, tests_plot(study), approach_table(study), parameter_recovery(study), profile_plot(study))
+    blocks = (*tables, ensemble_plot(study), approach_table(study), parameter_recovery(study), profile_plot(study))
     return tuple(block for block in blocks if block)
 
 
