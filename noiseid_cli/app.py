@@ -17,6 +17,7 @@ from noiseid_cli import __version__  # noqa: E402
 from noiseid_cli.commands import (  # noqa: E402
     check,
     cite,
+    diagnose,
     diff,
     env,
     estimate,
@@ -49,6 +50,7 @@ app.command()(simulate.simulate)
 app.command("import")(import_.import_)
 app.command()(estimate.estimate)
 app.command()(report.report)
+app.command()(diagnose.diagnose)
 app.command()(export.export)
 app.command()(status.status)
 app.command()(check.check)

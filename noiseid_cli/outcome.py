@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from noiseid_cli.diagnostics.evaluation import Evaluation
-from noiseid_cli.estimators.estimate import Columns, Estimate
+from noiseid_cli.estimators.estimate import Columns, Estimate, Uncertainty
 from noiseid_cli.models.recording import Array
 
 __all__ = ["Columns", "UnitResult"]
@@ -23,18 +23,22 @@ class UnitResult:
         start_label: what the start was, such as ``× 0.01`` or ``drawn 3``.
         replicate: number of the dataset's replicate, from 0.
         estimate: the end of the estimator's run.
-        evaluations: filter against data, keyed ``start``, ``estimate`` and, where known, ``truth``.
+        evaluations: filter against the data that was fitted, keyed ``tuning`` (the values in use today, if given),
+            ``start``, ``estimate`` and, where known, ``truth``.
         noise_names, output_names, state_names: the model's columns.
         test_names: names of the dataset's tests.
         Q_true: (nv, nv) covariance of the process noise, where known.
         R_true: (ny, ny) covariance of the measurement noise, where known.
         seconds: wall-clock time of the unit.
         seed: seed of the experiment.
-        held_out: the same filters against tests that no method has seen, with the same keys; empty without such tests.
+        held_out: the same filters against tests, or the ends of tests, that no method has seen, with the same keys;
+            empty without such data.
         held_out_tests: number of those tests.
         density: Q is a density: its standard deviations are in the unit of the noise per root hertz.
         interval: what converts one into the other, s: Q per sample = density / interval; the median of the data's.
             None where nothing does (a discrete model, or a Q per sample on unequal intervals).
+        uncertainty: standard errors and intervals; None where there are none, ``estimate.safeguards`` says why.
+        Q_tuning, R_tuning: (nv, nv) and (ny, ny) covariances in use today, where given.
         parameters_true: (p,) truth of ``estimate.parameters``, NaN where not known; None where nothing is known.
     """
 
@@ -59,3 +63,6 @@ class UnitResult:
     parameters_true: Array | None = None
     density: bool = False
     interval: float | None = None
+    uncertainty: Uncertainty | None = None
+    Q_tuning: Array | None = None
+    R_tuning: Array | None = None

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from noiseid_cli.config.check_ensemble import check_ensemble
 from noiseid_cli.config.check_methods import refusal
-from noiseid_cli.config.check_noise import check_choice, check_unit
+from noiseid_cli.config.check_noise import check_choice, check_known, check_unit
 from noiseid_cli.config.check_online import check_online
 from noiseid_cli.config.check_simulate import check_simulate
 from noiseid_cli.config.document import Path
@@ -102,6 +102,9 @@ def _check_estimate(findings: Findings, estimate: Estimate, model: ModelNames) -
     for name in ("known", "start"):
         path = ("estimate", "process_noise", name)
         check_unit(findings.add, path, getattr(estimate.process_noise, name), model.discretisation)
+    if estimate.tuning is not None:
+        for name, names, what in noises[:2]:
+            check_known(findings.add, ("estimate", "tuning", name), getattr(estimate.tuning, name), names, what)
     _check_mean(findings, estimate.initial_mean, first)
     check_ensemble(findings.add, estimate, model.states, model.outputs)
     for name in estimate.parameters:

@@ -40,9 +40,7 @@ def check_unit(add: Add, path: Path, covariance: NoiseCovariance | None, discret
 def check_choice(add: Add, path: Path, choice: CovarianceChoice, names: Sequence[str], what: str) -> None:
     """Check a covariance of the ``estimate`` section, known or to be estimated."""
     if choice.known is not None:
-        fits = check_size(add, (*path, "known"), choice.known, names, what)
-        if fits and path[-1] == "measurement_noise":
-            _check_definite(add, (*path, "known", choice.known.form), choice.known.matrix(), names)
+        check_known(add, (*path, "known"), choice.known, names, what, path[-1] == "measurement_noise")
         return
     assert choice.start is not None  # the schema asks for one of the two
     known_names = _check_names(add, path, choice, names, what)
@@ -56,6 +54,15 @@ def check_choice(add: Add, path: Path, choice: CovarianceChoice, names: Sequence
         if len(variances) > 1:
             add((*path, "tied", i), f"{', '.join(group)} are tied, but start at different variances: give them one")
     _check_definite(add, here, matrix, names)
+
+
+def check_known(
+    add: Add, path: Path, known: Covariance, names: Sequence[str], what: str, definite: bool | None = None
+) -> None:
+    """Check a covariance that is taken as it is; a filter inverts that of the measurement noise."""
+    must = path[-1] == "measurement_noise" if definite is None else definite
+    if check_size(add, path, known, names, what) and must:
+        _check_definite(add, (*path, known.form), known.matrix(), names)
 
 
 def _check_names(add: Add, path: Path, choice: CovarianceChoice, names: Sequence[str], what: str) -> bool:

@@ -28,6 +28,7 @@ class MethodOptions(Base):
         summary: one line for ``noiseid methods``.
         estimates: which unknowns it can estimate.
         citation: the paper it is from.
+        has_score: its end maximises the log-likelihood of its filter, whose curvature there gives standard errors.
         can: the kinds of unknown that it can estimate, of ``KINDS``.
         structures: the structures of the process noise's covariance that it takes, of ``STRUCTURES``.
     """
@@ -35,6 +36,7 @@ class MethodOptions(Base):
     summary: ClassVar[str] = ""
     estimates: ClassVar[str] = ""
     citation: ClassVar[str] = ""
+    has_score: ClassVar[bool] = False
     can: ClassVar[frozenset[str]] = frozenset()
     structures: ClassVar[frozenset[str]] = frozenset(STRUCTURES)
 

@@ -26,6 +26,8 @@ class EmOptions(MethodOptions):
     )
     can: ClassVar[frozenset[str]] = frozenset({"Q", "R", "m0", "P0"})
 
+    has_score: ClassVar[bool] = True
+
     method: Literal["em"] = Field(
         default="em", description="expectation maximisation; default: the label it stands under"
     )
@@ -145,6 +147,8 @@ class MlOptions(MethodOptions):
         "errors of a Kalman filter); J. Nocedal, S. J. Wright: Numerical Optimization, 2006 (BFGS)"
     )
     can: ClassVar[frozenset[str]] = frozenset(KINDS)
+
+    has_score: ClassVar[bool] = True
 
     method: Literal["ml"] = Field(
         default="ml", description="direct maximum likelihood; default: the label it stands under"

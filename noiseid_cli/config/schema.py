@@ -62,6 +62,10 @@ class Experiment(Base):
     def _check(self) -> Self:
         if message := data_problem({"simulate": self.simulate, "import": self.import_}):
             refuse(message)
+        if self.simulate and self.simulate.held_out and self.estimate and self.estimate.holdout:
+            refuse(
+                "simulate.held_out makes tests to score on already: give one or the other", at=["estimate", "holdout"]
+            )
         return self
 
 

@@ -238,6 +238,39 @@ class Starts(Base):
         return self
 
 
+class UncertaintyChoice(Base):
+    """How standard errors and intervals are found."""
+
+    method: Literal["score", "bootstrap", "none"] = Field(
+        default="score",
+        description="score: the observed information of a method that maximises the likelihood, from differences of "
+        "the score; bootstrap: estimates from data simulated at the estimate, in open loop, for any method; none",
+    )
+    replicates: Annotated[int, Field(ge=10)] | None = Field(
+        default=None, description="number of simulated datasets of the bootstrap; default: 100"
+    )
+    level: Annotated[float, Field(gt=0, lt=1)] = Field(default=0.95, description="confidence level of the intervals")
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.replicates is not None and self.method != "bootstrap":
+            refuse("goes with method bootstrap", at=["replicates"])
+        return self
+
+
+class Holdout(Base):
+    """A part of each test that no method sees; the filter runs on into it, and is scored there."""
+
+    last: Annotated[float, Field(gt=0, lt=1)] = Field(description="share of the samples at the end of each test")
+
+
+class Tuning(Base):
+    """The noise covariances in use today, to be set beside the estimate; no method starts from them."""
+
+    process_noise: Covariance = Field(description="covariance of the process noise in use, in the unit of the estimate")
+    measurement_noise: Covariance = Field(description="covariance of the measurement noise in use")
+
+
 Method = Annotated[SerializeAsAny[MethodOptions], BeforeValidator(pick_method)]
 
 
@@ -282,6 +315,15 @@ class Estimate(Base):
         default=None,
         description="a result of recursive-ml that takes in the tests used here; --continue on the command line; a "
         "relative path starts at the experiment file",
+    )
+    tuning: Tuning | None = Field(
+        default=None, description="the covariances in use today: the report shows what they give beside the estimate"
+    )
+    holdout: Holdout | None = Field(
+        default=None, description="a part of each test to score on, which no method sees; default: none"
+    )
+    uncertainty: UncertaintyChoice = Field(
+        default=UncertaintyChoice(), description="how standard errors and intervals are found"
     )
     starts: Starts = Field(default=Starts(), description="starts to be tried")
     methods: Annotated[dict[Label, Method], Field(min_length=1), BeforeValidator(name_methods)] = Field(

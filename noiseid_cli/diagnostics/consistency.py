@@ -15,6 +15,9 @@ from noiseid_cli.diagnostics.evaluation import Evaluation
 from noiseid_cli.errors import EstimationError
 from noiseid_cli.models.recording import Array
 
+BAND = 1.959964
+"""Half-width of the band of 95 % of a normal distribution, in standard deviations."""
+
 
 def consistency(
     label: str,
@@ -58,6 +61,8 @@ def consistency(
         kurtosis=_excess_kurtosis(stacked),
         path_error=error,
         path_error_norm=float("nan") if error is None else float(np.sqrt(np.sum(error**2))),
+        inside=_mean_or_nan(np.where(np.isfinite(stacked), (np.abs(stacked) <= BAND).astype(float), np.nan)),
+        normality=_jarque_bera(stacked),
         nis_time=np.divide(joint, counts, out=np.full(len(joint), np.nan), where=counts > 0),
     )
 
@@ -149,3 +154,14 @@ def _excess_kurtosis(r: Array) -> Array:
     usable = np.isfinite(m2) & (m2 > 0)
     ratio: Array = np.divide(m4, m2**2, out=np.full(r.shape[1], np.nan), where=usable)
     return ratio - 3.0
+
+
+def _jarque_bera(r: Array) -> Array:
+    """P-value of n/6 (skewness^2 + excess kurtosis^2 / 4) as chi-square with two degrees (Jarque & Bera 1987)."""
+    centred = r - _mean_or_nan(r)
+    n = np.isfinite(r).sum(axis=0)
+    m2, m3 = _mean_or_nan(centred**2), _mean_or_nan(centred**3)
+    usable = np.isfinite(m2) & (m2 > 0)
+    skewness = np.divide(m3, m2**1.5, out=np.full(r.shape[1], np.nan), where=usable)
+    p: Array = np.exp(-0.5 * n / 6.0 * (skewness**2 + _excess_kurtosis(r) ** 2 / 4.0))
+    return p

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
+from noiseid_cli.diagnostics.where import Misfit
 from noiseid_cli.models.recording import Array
 
 
@@ -25,6 +28,13 @@ class Evaluation:
         path_error_norm: its 2-norm over time; NaN where no true one is known.
         nis_time: (samples of all tests,) normalised innovation squared per measurement, NaN where nothing was measured.
         filter: the Kalman filter that was run: ``extended``, ``unscented`` or ``cubature``.
+        inside: (ny,) share of innovations within their own band of 95 %, 1.96 standard deviations to each side.
+        normality: (ny,) p-value of the test of Jarque & Bera (1987) on the normalised innovations; small for a
+            distribution that is not Gaussian.
+        nees: mean normalised estimation error squared per state, 1 for a consistent filter; NaN without a truth.
+        nees_time: (samples of all tests,) the same over time; None where no truth is known.
+        states: number of states, for the bounds of ``nees_time``.
+        misfit: the NIS against time, states and inputs.
     """
 
     label: str
@@ -39,3 +49,31 @@ class Evaluation:
     path_error_norm: float
     nis_time: Array
     filter: str = "extended"
+    inside: Array | None = None
+    normality: Array | None = None
+    nees: float = float("nan")
+    nees_time: Array | None = None
+    states: int = 0
+    misfit: tuple[Misfit, ...] = ()
+
+    def nis_bounds(self, level: float = 0.95) -> tuple[float, float]:
+        """Bounds of the mean NIS of a consistent filter: chi-square with as many degrees as measurements, over them."""
+        from scipy.special import chdtri
+
+        tail, n = 0.5 * (1.0 - level), float(self.observed)
+        if n == 0:
+            return 0.0, float("inf")
+        return float(chdtri(n, 1.0 - tail)) / n, float(chdtri(n, tail)) / n
+
+    def nees_inside(self, level: float = 0.95) -> float:
+        """Share of samples at which the NEES is between its chi-square bounds; NaN where no truth is known.
+
+        Estimation errors are correlated over time: the bounds hold sample by sample, not for the mean.
+        """
+        from scipy.special import chdtri
+
+        if self.nees_time is None or not np.isfinite(self.nees_time).any():
+            return float("nan")
+        tail, n = 0.5 * (1.0 - level), float(self.states)
+        found = n * self.nees_time[np.isfinite(self.nees_time)]
+        return float(np.mean((found >= chdtri(n, 1.0 - tail)) & (found <= chdtri(n, tail))))

@@ -14,7 +14,13 @@ SIGNIFICANCE = 0.01
 STANDARD_ERRORS = 3.0
 """A mean this many standard errors off its expectation is called off."""
 
+SLOW, SLOW_ERRORS = 5, 5.0
+"""Correlation that averages more than so many standard errors from this lag on is called slow."""
+
 STRETCHES = 10
+
+UNEVEN = 0.25
+"""Misfit whose NIS scatters over the ranges of a quantity by this share of its mean is said to follow it."""
 
 
 def misfit_sentences(evaluation: Evaluation, output_names: Sequence[str], dt: float | None) -> list[str]:
@@ -32,16 +38,42 @@ def misfit_sentences(evaluation: Evaluation, output_names: Sequence[str], dt: fl
         return ["No measurement was used, so nothing can be said about the misfit."]
     coloured = _colour(evaluation, output_names, dt)
     found = [*_size(evaluation, output_names), *coloured, *_tails(evaluation, output_names)]
-    found += _where(evaluation)
+    motion = _motion(evaluation)
+    found += [*_where(evaluation), *motion]
     if not found:
         return ["No misfit was found: the innovations have the predicted size and are white."]
-    if coloured and evaluation.label == "estimate" and abs(evaluation.nis - 1) < 0.1:
+    if (coloured or motion) and evaluation.label == "estimate":
+        what = " and ".join(["are coloured"] * bool(coloured) + ["follow the motion"] * bool(motion))
         found.append(
-            f"The mean NIS is {evaluation.nis:.3g}, but the innovations are coloured: the estimated Q then "
+            f"The mean NIS is {evaluation.nis:.3g}, but the innovations {what}: the estimated Q then "
             "stands in for model error as well as for noise. A NIS of 1 on the data that was fitted proves "
             "nothing, because free covariances reach it at any optimum."
         )
     return found
+
+
+def held_out_sentences(fitted: Evaluation, held_out: dict[str, Evaluation]) -> list[str]:
+    """What held-out data say of noise values: are they consistent there, and better than those in use or the start?
+
+    Args:
+        fitted: the filter on the data that was fitted.
+        held_out: by label, filters on data that no method has seen.
+    """
+    own = held_out.get(fitted.label)
+    if own is None or not own.observed:
+        return []
+    low, high = own.nis_bounds()
+    verdict = "inside" if low <= own.nis <= high else "outside"
+    out = [f"On data that no method has seen the NIS is {own.nis:.3g}, {verdict} its bounds {low:.3g} to {high:.3g}."]
+    before = next((held_out[at] for at in ("tuning", "start") if at in held_out and at != fitted.label), None)
+    if before is not None:
+        gain = own.loglik - before.loglik
+        word = "higher" if gain > 0 else "lower"
+        whose = "the covariances in use" if before.label == "tuning" else "the start values"
+        out.append(f"There its log-likelihood is {abs(gain):.4g} {word} than that of {whose}.")
+        if gain <= 0:
+            out.append("The estimate does not carry over: do not put it in place of what it was compared with.")
+    return out
 
 
 def _size(evaluation: Evaluation, names: Sequence[str]) -> list[str]:
@@ -73,6 +105,14 @@ def _colour(evaluation: Evaluation, names: Sequence[str], dt: float | None) -> l
                 f"{name}: the innovations are coloured (Ljung-Box {p_text}), most at a lag of "
                 f"{steps}{time}, where the correlation is {rho[lag]:.2f}."
             )
+            slow = rho[SLOW - 1 :][np.isfinite(rho[SLOW - 1 :])]
+            # White innovations give a mean of 0 with a standard error of 1 / sqrt(n lags).
+            chance = SLOW_ERRORS * np.sqrt(len(names) / max(evaluation.observed * len(slow), 1))
+            if slow.size and slow.mean() > chance:
+                out.append(
+                    f"{name}: the correlation does not die out: it averages {slow.mean():.2f} over the lags {SLOW} to "
+                    f"{len(rho)}. That is a slow error of the model, such as friction left out or an offset."
+                )
     return out
 
 
@@ -86,6 +126,21 @@ def _tails(evaluation: Evaluation, names: Sequence[str]) -> list[str]:
         elif np.isfinite(kurtosis) and kurtosis < -tolerance:
             out.append(f"{name}: light tails (excess kurtosis {kurtosis:.3g}), as from quantisation or saturation.")
     return out
+
+
+def _motion(evaluation: Evaluation) -> list[str]:
+    """The state or input that the misfit follows most, if it does so beyond ``UNEVEN``."""
+    moving = [misfit for misfit in evaluation.misfit if misfit.name != "time"]
+    worst = max(moving, key=lambda misfit: misfit.unevenness, default=None)
+    if worst is None or worst.unevenness < UNEVEN:
+        return []
+    low, high, nis = worst.worst()
+    unit = f" {worst.unit}" if worst.unit else ""
+    hint = ", such as friction" if worst.unit in ("rad/s", "m/s") else ""
+    return [
+        f"The misfit follows {worst.name}: between {low:.3g} and {high:.3g}{unit} the NIS is {nis:.3g}, against "
+        f"{evaluation.nis:.3g} on the whole. Look at the model's terms in {worst.name}{hint}."
+    ]
 
 
 def _where(evaluation: Evaluation) -> list[str]:

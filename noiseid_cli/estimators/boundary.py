@@ -16,7 +16,8 @@ from noiseid_cli.errors import EstimationError
 from noiseid_cli.estimators import em
 from noiseid_cli.estimators.structure import CovarianceStructure
 from noiseid_cli.estimators.unknowns import Unknowns
-from noiseid_cli.filters.ekf import FilterDivergedError, extended_kalman_filter
+from noiseid_cli.filters.ekf import FilterDivergedError
+from noiseid_cli.filters.gaussian import gaussian_filter
 from noiseid_cli.models.compiled import CompiledModel
 from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.models.recording import Recording
@@ -37,6 +38,7 @@ class Profile:
     Attributes:
         model, recordings, noise, unknowns: the problem and its estimate.
         letter: Q, R or P0; i: which of its standard deviations.
+        options: of EM, of which the smoother counts.
     """
 
     model: CompiledModel
@@ -45,6 +47,7 @@ class Profile:
     unknowns: Unknowns
     letter: str
     i: int
+    options: em.EmOptions
 
     @property
     def structure(self) -> CovarianceStructure:
@@ -72,9 +75,12 @@ class Profile:
         unknowns = replace(self.unknowns, **{self.letter: held})  # type: ignore[arg-type]
         try:
             if not (unknowns.Q or unknowns.R or unknowns.P0 or unknowns.m0):
-                runs = (extended_kalman_filter(self.model, r, noise, k) for k, r in enumerate(self.recordings))
+                weights = self.options.weights(self.model.nx)
+                runs = (gaussian_filter(self.model, r, noise, k, weights) for k, r in enumerate(self.recordings))
                 return float(sum(run.loglik for run in runs))
-            options = em.EmOptions(linearisation="filtered", max_passes=PASSES, loglik_tolerance=1e-2, stop="loglik")
+            options = replace(self.options, max_passes=PASSES, loglik_tolerance=1e-2, stop="loglik")
+            if options.smoother == "extended":
+                options = replace(options, linearisation="filtered")
             return em.estimate(self.model, self.recordings, noise, unknowns, options).loglik
         except (FilterDivergedError, EstimationError):
             return -np.inf

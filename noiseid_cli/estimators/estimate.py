@@ -12,7 +12,7 @@ import numpy as np
 from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.models.recording import Array
 
-__all__ = ["Columns", "Estimate", "NoiseValues", "Parameters", "Progress", "Series", "Status"]
+__all__ = ["Columns", "Estimate", "NoiseValues", "Parameters", "Progress", "Series", "Status", "Uncertainty"]
 
 Columns = tuple[tuple[str, str, str], ...]
 """(name, unit, description) of each column of an array."""
@@ -76,6 +76,47 @@ class Series:
     at: Array
     columns: Columns
     values: Array
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """How sure an estimate is; k figures, d free coordinates.
+
+    Attributes:
+        method: ``score`` (observed information) or ``bootstrap``.
+        level: confidence level of the intervals.
+        names: (metric, index, unit) of each figure, as in the tidy table, such as ``process_noise_std``, ``vm1``.
+        values: (k,) the estimate.
+        standard_errors: (k,) standard errors; NaN for a figure that the data do not determine. Of a figure at zero,
+            (upper - value) / z with z the one-sided normal quantile.
+        lower, upper: (k,) ends of the interval; one-sided at zero; the whole range where nothing is determined.
+        notes: (k,) what is special about a figure; empty where nothing is.
+        coordinates: (d,) labels of the free coordinates.
+        information: (d, d) observed information in them; the bootstrap has none, and no coordinates.
+        shares: share of the complete-data information along each eigen-direction, weakest first; see
+            ``identifiability``. Fewer than d where a covariance is singular; none from the bootstrap.
+        directions: the weakest directions in words.
+        remarks: what a reader must know, in sentences: ridges, an end off the maximum, a linearisation that matters.
+    """
+
+    method: str
+    level: float
+    names: tuple[tuple[str, str, str], ...]
+    values: Array
+    standard_errors: Array
+    lower: Array
+    upper: Array
+    notes: tuple[str, ...]
+    coordinates: tuple[str, ...]
+    information: Array
+    shares: Array
+    directions: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
+
+    def index(self, metric: str, index: str) -> int | None:
+        """Position of a figure; None if it is not among them."""
+        found = [k for k, name in enumerate(self.names) if name[:2] == (metric, index)]
+        return found[0] if found else None
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ import numpy as np
 
 from noiseid_cli.estimators.em_statistics import FILTERED, Statistics, e_step
 from noiseid_cli.estimators.unknowns import Unknowns
+from noiseid_cli.filters.sigma_points import SigmaWeights
 from noiseid_cli.models.compiled import CompiledModel
 from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.models.recording import Array, Recording
@@ -39,20 +40,27 @@ class Score:
     complete: Array
 
 
-def score(model: CompiledModel, recordings: Sequence[Recording], noise: NoiseValues, unknowns: Unknowns) -> Score:
+def score(
+    model: CompiledModel,
+    recordings: Sequence[Recording],
+    noise: NoiseValues,
+    unknowns: Unknowns,
+    weights: SigmaWeights | None = None,
+) -> Score:
     """Log-likelihood, score and complete-data information at one point.
 
     Args:
         model, recordings: the problem.
         noise: the point; unknown covariances must be positive definite.
         unknowns: what is unknown, which gives the coordinates.
+        weights: of a sigma-point filter and smoother; without them the extended ones.
 
     Raises:
         FilterDivergedError: the filter fails at this point.
         LinAlgError: an unknown covariance is singular.
     """
     blocks = None if unknowns.R is None else unknowns.R.block_of
-    statistics = e_step(model, recordings, noise, FILTERED, blocks)
+    statistics = e_step(model, recordings, noise, FILTERED, blocks, weights)
     gradients, informations = [], []
     for name, structure, (value,) in unknowns.covariances(noise):
         counts, moment = _moment(name, statistics, noise)

@@ -9,11 +9,12 @@ the boundary gets a one-sided bound from the profile of the likelihood, see ``bo
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from noiseid_cli.estimators.boundary import Profile, upper_bound
+from noiseid_cli.estimators.em import EmOptions
+from noiseid_cli.estimators.estimate import Uncertainty
 from noiseid_cli.estimators.identifiability import Directions, directions, sentences
 from noiseid_cli.estimators.quantities import Figure, figures
 from noiseid_cli.estimators.score import Score, score
@@ -34,54 +35,13 @@ OFF_MAXIMUM, DISAGREEMENT = 0.1, 0.25
 TOUCHED = 1e-3
 
 
-@dataclass(frozen=True)
-class Uncertainty:
-    """How sure an estimate is; k figures, d free coordinates.
-
-    Attributes:
-        method: ``score`` (observed information) or ``bootstrap``.
-        level: confidence level of the intervals.
-        names: (metric, index, unit) of each figure, as in the tidy table, such as ``process_noise_std``, ``vm1``.
-        values: (k,) the estimate.
-        standard_errors: (k,) standard errors; NaN for a figure that the data do not determine. Of a figure at zero,
-            (upper - value) / z with z the one-sided normal quantile.
-        lower, upper: (k,) ends of the interval; one-sided at zero; the whole range where nothing is determined.
-        notes: (k,) what is special about a figure; empty where nothing is.
-        coordinates: (d,) labels of the free coordinates.
-        information: (d, d) observed information in them; of the bootstrap, the inverse of the covariance it found, or
-            no entries where that is singular.
-        shares: share of the complete-data information along each eigen-direction, weakest first; see
-            ``identifiability``. Fewer than d where a covariance is singular; none from the bootstrap.
-        directions: the weakest directions in words.
-        remarks: what a reader must know, in sentences: ridges, an end off the maximum, a linearisation that matters.
-    """
-
-    method: str
-    level: float
-    names: tuple[tuple[str, str, str], ...]
-    values: Array
-    standard_errors: Array
-    lower: Array
-    upper: Array
-    notes: tuple[str, ...]
-    coordinates: tuple[str, ...]
-    information: Array
-    shares: Array
-    directions: tuple[str, ...] = ()
-    remarks: tuple[str, ...] = ()
-
-    def index(self, metric: str, index: str) -> int | None:
-        """Position of a figure; None if it is not among them."""
-        found = [k for k, name in enumerate(self.names) if name[:2] == (metric, index)]
-        return found[0] if found else None
-
-
 def uncertainty(
     model: CompiledModel,
     recordings: Sequence[Recording],
     noise: NoiseValues,
     unknowns: Unknowns,
     level: float = 0.95,
+    options: EmOptions | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Uncertainty:
     """Standard errors of a maximum-likelihood estimate.
@@ -91,20 +51,23 @@ def uncertainty(
         noise: the estimate.
         unknowns: what was estimated.
         level: confidence level of the intervals, between 0 and 1.
+        options: of the EM that the estimate is from, of which the smoother counts; default: the extended one.
         progress: called with the number of passes done and of all, of which there are 2 d + 1.
 
     Raises:
         FilterDivergedError: the filter fails at the estimate, or a fraction of a standard error beside it.
         LinAlgError: an unknown covariance is singular.
     """
+    options = options or EmOptions()
+    weights = options.weights(model.nx)
     z = unknowns.pack(noise)
-    here = score(model, recordings, noise, unknowns)
+    here = score(model, recordings, noise, unknowns, weights)
     free = np.diag(here.complete) > 0.0
     steps = np.minimum(STEP / np.sqrt(np.where(free, np.diag(here.complete), 1.0)), LARGEST_STEP)
     sides: list[tuple[Score, Score]] = []
     for a in range(len(z)):
         moved = [unknowns.unpack(z + sign * steps[a] * np.eye(len(z))[a], noise) for sign in (-1.0, 1.0)]
-        low, high = (score(model, recordings, point, unknowns) for point in moved)
+        low, high = (score(model, recordings, point, unknowns, weights) for point in moved)
         sides.append((low, high))
         if progress is not None:
             progress(2 * a + 3, 2 * len(z) + 1)
@@ -114,7 +77,7 @@ def uncertainty(
     kept = free & ~gone
     found = _solve(information, here.complete, kept)
     shown = figures(model, unknowns, noise)
-    zeros = _zeros(model, recordings, noise, unknowns, here, found, shown, level)
+    zeros = _zeros(model, recordings, noise, unknowns, here, found, shown, level, options)
     held = ""
     if zeros and not found.determined.all():
         # What may be zero is flat, and would leave nothing of the others.
@@ -203,6 +166,7 @@ def _zeros(
     found: Directions,
     shown: Sequence[Figure],
     level: float,
+    options: EmOptions,
 ) -> dict[tuple[str, int], float]:
     """Upper bound of each standard deviation of which the data do not exclude that it is zero."""
     out = {}
@@ -213,7 +177,7 @@ def _zeros(
         error = _error(figure, found)
         if error is not None and error <= DOUBTFUL:
             continue
-        profile = Profile(model, recordings, noise, unknowns, figure.letter, figure.place[0])
+        profile = Profile(model, recordings, noise, unknowns, figure.letter, figure.place[0], options)
         bound = upper_bound(profile, here.loglik, drop)
         if bound is not None:
             out[figure.letter, figure.place[0]] = bound

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -45,6 +45,15 @@ class Recording:
     def time(self) -> Array:
         """(N,) time of each sample, s."""
         return self.start + np.concatenate(([0.0], np.cumsum(self.dt)))
+
+
+def head(recording: Recording, samples: int) -> Recording:
+    """The first samples of a recording, at least one and at most all of them."""
+    n = min(max(samples, 1), recording.samples)
+    x_true, z_true = (None if a is None else a[:n] for a in (recording.x_true, recording.z_true))
+    return replace(
+        recording, dt=recording.dt[: n - 1], u=recording.u[:n], y=recording.y[:n], x_true=x_true, z_true=z_true
+    )
 
 
 @dataclass(frozen=True)

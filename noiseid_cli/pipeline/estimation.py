@@ -13,8 +13,8 @@ import numpy as np
 from noiseid_cli.errors import EstimationError
 from noiseid_cli.estimators.estimate import Estimate, Progress
 from noiseid_cli.filters.gate import OutlierGate
-from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.outcome import UnitResult
+from noiseid_cli.pipeline.assessment import assess_uncertainty, fitted_part
 from noiseid_cli.pipeline.context import Context
 from noiseid_cli.pipeline.datasets import file_attributes
 from noiseid_cli.pipeline.ensembles import FirstStateLaw
@@ -24,6 +24,7 @@ from noiseid_cli.pipeline.evaluating import (
     candidates,
     compiled_at,
     evaluate_all,
+    evaluate_end,
     on_other_tests,
 )
 from noiseid_cli.pipeline.first_state import first_names
@@ -38,7 +39,6 @@ from noiseid_cli.pipeline.units import earlier_result
 if TYPE_CHECKING:
     from noiseid_cli.config.method_base import MethodOptions
     from noiseid_cli.diagnostics.evaluation import Evaluation
-    from noiseid_cli.estimators.unknowns import ParameterUnknowns, Unknowns
     from noiseid_cli.models.compiled import CompiledModel
     from noiseid_cli.models.recording import Dataset
 
@@ -63,28 +63,40 @@ def make_estimate(context: Context, unit: EstimateUnit, progress: Progress | Non
     check_time_constants(context.experiment.model.markov_noise, context.model.discretisation, dataset)
     first = first_names(context)
     start, unknowns = pose(section, dataset, context.compiled, unit.start.factors, unit.start.measurement_factor, first)
-    posed = (unknowns, pose_parameters(section))
+    fitted = fitted_part(section, dataset)
+    settings = unit.options.model_dump(exclude={"method", "structure"})
+    law, state = FirstStateLaw.of(section), _state(context)
+    task = Task(
+        context.compiled, context.model, fitted.recordings, start, unknowns, pose_parameters(section), settings,
+        progress, law, state,
+    )  # fmt: skip
 
     def fit(used: Dataset) -> Estimate:
-        return _run(context, used, start, posed, unit, progress)
+        return _run(unit.options.method, replace(task, recordings=used.recordings))
 
     if section.outlier_gate is None:
-        estimate = fit(dataset)
+        estimate = fit(fitted)
     elif unit.options.method in ENSEMBLES:
         raise EstimationError(f"outlier_gate does not go with {unit.options.method}")
     else:
         gate = OutlierGate(**section.outlier_gate.model_dump())
-        estimate, dataset = fit_without_outliers(fit, lambda e: _model_at(context, e), dataset, gate)
+        estimate, fitted = fit_without_outliers(fit, lambda e: _model_at(context, e), fitted, gate)
+    at_end = replace(task, model=_model_at(context, estimate), recordings=fitted.recordings)
+    place = (context.experiment.seed, unit.dataset.replicate, unit.start.index)
+    sure, why_not = assess_uncertainty(section, unit.options, at_end, estimate, place)
     structure = section.process_noise.structure
     words = structure if isinstance(structure, str) else "blocks"
-    warned = rounding_warnings(dataset, estimate.final.R) if unit.dataset.recordings else []
+    warned = rounding_warnings(fitted, estimate.final.R) if unit.dataset.recordings else []
     estimate = replace(
         estimate,
         settings={"structure": words, **estimate.settings},
-        safeguards=(*estimate.safeguards, *warned),
+        safeguards=(*estimate.safeguards, *warned, *why_not),
     )
     wanted = candidates(context, dataset, estimate)
     held_out = None if unit.held_out is None else _read(context, unit.held_out.path)
+    scored = {} if held_out is None else _score(context, held_out, wanted, unit.options)
+    if section.holdout is not None:
+        scored = evaluate_end(context, dataset, fitted, wanted, unit.options)
     result = UnitResult(
         unit=unit.own_name,
         dataset=dataset.name,
@@ -93,7 +105,7 @@ def make_estimate(context: Context, unit: EstimateUnit, progress: Progress | Non
         start_label=unit.start.label,
         replicate=unit.dataset.replicate,
         estimate=estimate,
-        evaluations=evaluate_all(context, dataset.recordings, wanted, unit.options),
+        evaluations=evaluate_all(context, fitted.recordings, wanted, unit.options),
         noise_names=noise_names(context.model, context.density),
         output_names=dataset.outputs,
         state_names=dataset.states,
@@ -102,11 +114,14 @@ def make_estimate(context: Context, unit: EstimateUnit, progress: Progress | Non
         R_true=dataset.R_true,
         seconds=time.perf_counter() - began,
         seed=context.experiment.seed,
-        held_out={} if held_out is None else _score(context, held_out, wanted, unit.options),
-        held_out_tests=0 if held_out is None else len(held_out.recordings),
+        held_out=scored,
+        held_out_tests=len((held_out or dataset).recordings) if scored else 0,
         parameters_true=true_parameters(context, dataset, estimate),
         density=context.density,
         interval=conversion_interval(dataset, context.model, context.density),
+        uncertainty=sure,
+        Q_tuning=wanted["tuning"][1].Q if "tuning" in wanted else None,
+        R_tuning=wanted["tuning"][1].R if "tuning" in wanted else None,
     )
     write_result(unit.path, result, file_attributes(context, unit.key) | _basis(context, dataset, estimate))
     return result
@@ -148,38 +163,24 @@ def _read(context: Context, path: Path) -> Dataset:
     return replace(dataset, Q_true=dataset.Q_true * context.model.sample_time)
 
 
-def _run(
-    context: Context,
-    dataset: Dataset,
-    start: NoiseValues,
-    unknowns: tuple[Unknowns, ParameterUnknowns],
-    unit: EstimateUnit,
-    progress: Progress | None,
-) -> Estimate:
+def _run(method: str, task: Task) -> Estimate:
     """Call the method; a filter that fails at the start itself makes a result with status `diverged`."""
     from noiseid_cli.filters.ekf import FilterDivergedError
 
-    settings = unit.options.model_dump(exclude={"method", "structure"})
-    section = context.experiment.estimate
-    assert section is not None
-    law, state = FirstStateLaw.of(section), _state(context)
     try:
-        task = Task(
-            context.compiled, context.model, dataset.recordings, start, *unknowns, settings, progress, law, state
-        )
-        return run_method(unit.options.method, task)
+        return run_method(method, task)
     except FilterDivergedError as error:
         return Estimate(
-            method=unit.options.method,
+            method=method,
             status="diverged",
             reason=f"the filter fails at the start values: {error}",
-            start=start,
-            final=start,
+            start=task.start,
+            final=task.start,
             loglik_start=np.nan,
             loglik=np.nan,
             passes=0,
             seconds=0.0,
-            settings=settings,
+            settings=task.options,
         )
 
 

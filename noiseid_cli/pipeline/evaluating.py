@@ -28,19 +28,39 @@ Candidates = dict[str, tuple["Model", NoiseValues]]
 
 
 def candidates(context: Context, dataset: Dataset, estimate: Estimate) -> Candidates:
-    """What the filter is run with: ``start``, ``estimate`` and, of simulated data, ``truth``."""
+    """What the filter is run with: ``tuning`` if given, ``start``, ``estimate`` and, of simulated data, ``truth``."""
     model, found = context.model, estimate.parameters
     at_start = model if found is None else _with(model, found, found.start)
-    out: Candidates = {"start": (at_start, estimate.start), "estimate": (at_estimate(model, estimate), estimate.final)}
+    out = in_use(context, estimate.start)
+    out |= {"start": (at_start, estimate.start), "estimate": (at_estimate(model, estimate), estimate.final)}
     if dataset.Q_true is not None and dataset.R_true is not None:
         out["truth"] = (model, _true_noise(context, dataset, estimate))
     return out
 
 
+def in_use(context: Context, start: NoiseValues) -> Candidates:
+    """The covariances in use today, where the experiment gives them, with the start's law of the first state."""
+    section = context.experiment.estimate
+    if section is None or section.tuning is None:
+        return {}
+    Q, R = section.tuning.process_noise.matrix(), section.tuning.measurement_noise.matrix()
+    return {"tuning": (context.model, replace(start, Q=Q, R=R))}
+
+
 def evaluate_all(
-    context: Context, recordings: Sequence[Recording], wanted: Candidates, options: MethodOptions
+    context: Context,
+    recordings: Sequence[Recording],
+    wanted: Candidates,
+    options: MethodOptions,
+    first: Sequence[int] | None = None,
 ) -> dict[str, Evaluation]:
-    """The method's own filter with each candidate against data; those with which it fails are left out."""
+    """The method's own filter with each candidate against data; those with which it fails are left out.
+
+    Args:
+        context, recordings, wanted: the problem.
+        options: of the method, which say which filter is its own.
+        first: per test, the first sample that counts, see ``diagnostics.evaluate``.
+    """
     from noiseid_cli.diagnostics.evaluate import evaluate
     from noiseid_cli.filters.ekf import FilterDivergedError
 
@@ -51,10 +71,25 @@ def evaluate_all(
         if posed is None:
             continue
         try:
-            out[label] = evaluate(posed[0], recordings, posed[1], label, own, weights)
+            out[label] = evaluate(posed[0], recordings, posed[1], label, own, weights, first)
         except FilterDivergedError:
             continue
     return out
+
+
+def evaluate_end(
+    context: Context, dataset: Dataset, fitted: Dataset, wanted: Candidates, options: MethodOptions
+) -> dict[str, Evaluation]:
+    """The same on the ends of the tests that are held out: the filter runs on from the fitted part's end.
+
+    Args:
+        context, wanted, options: as in ``evaluate_all``.
+        dataset: the whole tests.
+        fitted: their fitted parts, outliers among them left out.
+    """
+    pairs = list(zip(dataset.recordings, fitted.recordings, strict=True))
+    joined = tuple(replace(whole, y=np.vstack([part.y, whole.y[part.samples :]])) for whole, part in pairs)
+    return evaluate_all(context, joined, wanted, options, [part.samples for _, part in pairs])
 
 
 def on_other_tests(wanted: Candidates, m0: Array, estimated: bool) -> Candidates:

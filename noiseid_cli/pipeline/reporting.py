@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from noiseid_cli.errors import DataError
+from noiseid_cli.pipeline.assessment import fitted_part
 from noiseid_cli.pipeline.context import Context
 from noiseid_cli.pipeline.facts import dataset_facts, model_facts, named_at_point, published_facts, sweep_facts
 from noiseid_cli.pipeline.keys import digest
@@ -153,13 +154,17 @@ def gather(context: Context, methods: list[str] | None = None) -> tuple[Study, l
     data_units = {unit.dataset.path: unit.dataset for unit in reversed(done) if unit.dataset.done}
     datasets = _read(list(dict.fromkeys(u.dataset.path for u in done if u.dataset.done)), read_dataset, warnings)
     published, estimates, claims = published_facts(context)
+    section = context.experiment.estimate
     study = Study(
         title=context.experiment.report.title or context.experiment.experiment,
         experiment=context.experiment.experiment,
         results=named,
         model=model_facts(context),
         datasets=[
-            replace(dataset_facts(context.at(data_units[path].point_index), dataset), name=data_units[path].name)
+            replace(
+                dataset_facts(context.at(data_units[path].point_index), fitted_part(section, dataset)),
+                name=data_units[path].name,
+            )
             for path, dataset in datasets.items()
         ],
         environment=provenance(),

@@ -9,8 +9,10 @@ from typing import Literal
 import numpy as np
 
 from noiseid_cli.outcome import UnitResult
+from noiseid_cli.report.certainty import certainty, has_certainty
 from noiseid_cli.report.noise_units import unit_words
 from noiseid_cli.report.reading import (
+    ALL_PLACES,
     PLACES,
     At,
     best,
@@ -37,21 +39,27 @@ KIND: dict[Which, str] = {"Q": "process noise", "R": "measurement noise"}
 def before_after_table(study: Study) -> Table:
     """Log-likelihood, mean NIS and path error of the filter at the start, at the estimate and at the truth."""
     path = any(_has_path(r) for r in study.results)
-    truth = any("truth" in r.evaluations for r in study.results)
+    shown = [at for at in ALL_PLACES if at in ("start", "estimate") or any(at in r.evaluations for r in study.results)]
     columns = [Column("Unit"), Column("Filter at"), Column("Log-likelihood", decimals=2), Column("NIS")]
     readers: list[Callable[[UnitResult, At], float]] = [loglik, _nis]
+    held = any(r.held_out for r in study.results)
+    if held:
+        columns += [Column("Log-likelihood, held out", decimals=2), Column("NIS, held out")]
+        readers += [_held_out_loglik, _held_out_nis]
     if path:
         columns.append(Column("Path error", study.path_unit()))
         readers.append(_path_error)
     rows = tuple(
-        (r.unit, at, *(number(read(r, at), reason(r, at)) for read in readers))
-        for r in study.results
-        for at in (PLACES if truth else PLACES[:2])
+        (r.unit, at, *(number(read(r, at), reason(r, at)) for read in readers)) for r in study.results for at in shown
     )
     caption = (
         "The same filter with different noise values. A higher log-likelihood is better; NIS is the mean "
         "normalised innovation squared per measurement, 1 for a consistent filter."
     )
+    if "tuning" in shown:
+        caption += " Tuning: the covariances in use today, as the experiment gives them."
+    if held:
+        caption += " Held out: data that no method has seen."
     if path:
         caption += " The path error is the 2-norm over time of the distance to the true path."
     return Table("before-after", "The filter before and after", caption, tuple(columns), rows)
@@ -59,6 +67,16 @@ def before_after_table(study: Study) -> Table:
 
 def _nis(result: UnitResult, at: At) -> float:
     found = evaluation(result, at)
+    return found.nis if found else float("nan")
+
+
+def _held_out_loglik(result: UnitResult, at: At) -> float:
+    found = result.held_out.get(at)
+    return found.loglik if found else float("nan")
+
+
+def _held_out_nis(result: UnitResult, at: At) -> float:
+    found = result.held_out.get(at)
     return found.nis if found else float("nan")
 
 
@@ -141,6 +159,8 @@ def std_table(study: Study, which: Which) -> Table:
     index = 0 if which == "Q" else 1
     known = any((r.Q_true, r.R_true)[index] is not None for r in study.results)
     columns = [Column("Unit"), Column("Noise"), Column("In"), Column("Start"), Column("Estimate")]
+    sure = has_certainty(study)
+    columns += [Column("±", digits=2), Column("Interval")] if sure else []
     columns += [Column("Truth"), Column("Estimate / truth")] if known else [Column("Estimate / start")]
     rows: list[tuple[Cell, ...]] = []
     for r in study.results:
@@ -150,13 +170,17 @@ def std_table(study: Study, which: Which) -> Table:
             reference = truth if known else start
             last = (_ratio(end, reference, reason(r, "truth" if known else "estimate")), remark(r, which, i))
             middle = (number(truth, reason(r, "truth")),) if known else ()
-            values = (number(start, reason(r, "start")), number(end, reason(r, "estimate")))
+            values: tuple[Cell, ...] = (number(start, reason(r, "start")), number(end, reason(r, "estimate")))
+            values += certainty(r, f"{KIND[which].replace(' ', '_')}_std", name) if sure else ()
             rows.append((r.unit, name, unit or "1", *values, *middle, *last))
     columns.append(Column("Kind"))
     caption = (
         f"Square roots of the diagonal of {which}, {_words(study, which)}. "
         "Held: given in the experiment and left alone. Unchanged: the whole unit ended at its start."
     )
+    levels = {r.uncertainty.level for r in study.results if r.uncertainty is not None}
+    if levels:
+        caption += f" ±: standard error. Interval: {' or '.join(f'{100 * level:g} %' for level in sorted(levels))}."
     kind = KIND[which]
     name = f"std-{kind.replace(' ', '-')}"
     return Table(name, f"Standard deviations of the {kind}", caption, tuple(columns), _merge_held(rows))

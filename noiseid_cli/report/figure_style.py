@@ -127,14 +127,16 @@ def style() -> Iterator[None]:
         yield
 
 
-def panels(count: int, columns: int, height: float, share_y: bool = False) -> tuple[Figure, list[Axes]]:
+def panels(
+    count: int, columns: int, height: float, share_y: bool = False, share_x: bool = True
+) -> tuple[Figure, list[Axes]]:
     """A figure with ``count`` panels, row by row, each ``height`` inch high."""
     from matplotlib.figure import Figure
 
     columns = min(columns, count)
     rows = -(-count // columns)
     figure = Figure(figsize=(WIDTH, rows * height + 0.7), layout="constrained")
-    axes = list(figure.subplots(rows, columns, sharex=True, sharey=share_y, squeeze=False).ravel())
+    axes = list(figure.subplots(rows, columns, sharex=share_x, sharey=share_y, squeeze=False).ravel())
     for axis in axes[count:]:
         axis.remove()
     # Where the last row is short, the panel above its gap shows the ticks.

@@ -141,12 +141,13 @@ def _window(samples: int) -> int:
 
 
 def _time_curve(axis: Axes, study: Study, r: UnitResult, at: str, values: Array, root: bool = False) -> None:
-    """One curve over time: start faint and dotted, estimate in the method's colour, truth in ink."""
+    """One curve over time: start dotted, tuning dotted in ink, estimate in the method's colour, truth in ink."""
     x, _, spans = time_axis(study, r, len(values))
     xs, ys = _smoothed(x, values, spans, _window(len(values)))
     ys = np.where(ys > 0, ys, np.nan)
     colour = method_colours([u.method_label for u in study.results])[r.method_label]
     look = {
+        "tuning": {"color": INK, "linestyle": (0, (1, 1.2)), "linewidth": 1.0},
         "start": {"color": colour, "linestyle": (0, (1, 1.2)), "linewidth": 1.2},
         "estimate": {"color": colour, "linestyle": "-", "linewidth": 1.6},
         "truth": {"color": INK, "linestyle": (0, (4, 2)), "linewidth": 0.9},

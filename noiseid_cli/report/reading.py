@@ -11,11 +11,12 @@ from noiseid_cli.diagnostics.evaluation import Evaluation
 from noiseid_cli.models.recording import Array
 from noiseid_cli.outcome import UnitResult
 
-At = Literal["start", "estimate", "truth"]
+At = Literal["tuning", "start", "estimate", "truth"]
 Names = tuple[tuple[str, str, str], ...]
 Key = TypeVar("Key", bound=Hashable)
 
 PLACES: tuple[At, ...] = ("start", "estimate", "truth")
+ALL_PLACES: tuple[At, ...] = ("tuning", *PLACES)
 FEATURED = 4
 """At most so many units get curves and matrices of their own."""
 
@@ -39,6 +40,8 @@ def covariances(result: UnitResult, at: At) -> tuple[Array | None, Array | None]
     """Q and R at one place; None for a truth that is not known."""
     if at == "truth":
         return result.Q_true, result.R_true
+    if at == "tuning":
+        return result.Q_tuning, result.R_tuning
     values = result.estimate.start if at == "start" else result.estimate.final
     return values.Q, values.R
 

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from noiseid_cli.diagnostics.misfit import misfit_sentences
 from noiseid_cli.outcome import UnitResult
-from noiseid_cli.report import agreement, build, comparison, facts, published, sweep, tracking
+from noiseid_cli.report import agreement, build, certainty, comparison, diagnosis, facts, published, sweep, tracking
 from noiseid_cli.report.figure_style import Plot
 from noiseid_cli.report.figures import convergence_plot, std_plots
+from noiseid_cli.report.figures_misfit import misfit_plot
 from noiseid_cli.report.figures_online import online_plots
 from noiseid_cli.report.figures_time import autocorrelation_plot, nis_plot, path_error_plot
 from noiseid_cli.report.noise_units import noise_units_table
 from noiseid_cli.report.over_tests import approach_table, ensemble_plot
 from noiseid_cli.report.parameter_recovery import parameter_recovery
-from noiseid_cli.report.reading import best, converged, evaluation, group, remark
+from noiseid_cli.report.reading import best, converged, group, remark
 from noiseid_cli.report.side_by_side import compared, side_by_side
 from noiseid_cli.report.study import Study
 from noiseid_cli.report.tables import Table
@@ -58,11 +58,12 @@ def sections(study: Study) -> list[Section]:
     """All sections of a report, in order; those without content are left out."""
     parts = [
         Section("warnings", "What must be known first?", _warnings(study)),
+        Section("estimate", "The estimate: before and after", _estimate(study)),
         Section("problem", "What was estimated from what?", _problem(study)),
         Section("sweep", "What do the varied settings change?", _sweep(study)),
-        Section("estimate", "The estimate: before and after", _estimate(study)),
         Section("deviations", "Which standard deviations?", _deviations(study)),
         Section("unknown-parameters", "Which parameters?", _parameters(study)),
+        Section("certainty", "How sure is the estimate?", _certainty(study)),
         Section("starts", "Do the starts agree?", _starts(study)),
         Section("methods", "How do the methods compare?", _comparison(study)),
         Section("online", "How did the estimates move over time?", _online(study)),
@@ -91,6 +92,7 @@ def _warnings(study: Study) -> tuple[Block, ...]:
         found.append("There are no results: no unit has run yet.")
     elif not all(converged(r) for r in study.results):
         found.append(f"{count_sentence(study)} The others are shown, but not part of any mean.")
+    found += certainty.ridges(study)
     return (Bullets(tuple(found)),) if found else ()
 
 
@@ -177,6 +179,12 @@ def _parameters(study: Study) -> tuple[Block, ...]:
     return tuple(block for block in blocks if block)
 
 
+def _certainty(study: Study) -> tuple[Block, ...]:
+    told = certainty.certainty_sentences(study)
+    bullets: tuple[Block, ...] = (Bullets(tuple(told)),) if told else ()
+    return (*bullets, *certainty.certainty_tables(study))
+
+
 def _starts(study: Study) -> tuple[Block, ...]:
     if not agreement.start_groups(study):
         return ()
@@ -231,16 +239,18 @@ def _safeguards(study: Study) -> tuple[str, ...]:
 def _agreement(study: Study) -> tuple[Block, ...]:
     if not any(r.evaluations for r in study.results):
         return ()
-    plots = (path_error_plot(study), nis_plot(study), autocorrelation_plot(study))
-    blocks: list[Block] = [agreement.consistency_table(study)]
-    for r in best(study.results):
-        found = evaluation(r, "estimate")
-        if found is not None:
-            sentences = misfit_sentences(found, [name for name, _, _ in r.output_names], _interval(study, r))
-            blocks += [
-                Paragraph(f"What is left unexplained at the estimate of {r.unit}:"),
-                Bullets(tuple(sentences)),
-            ]
+    plots = (path_error_plot(study), nis_plot(study), misfit_plot(study), autocorrelation_plot(study))
+    shown = best(study.results)
+    cases = [diagnosis.case_of(r, _interval(study, r)) for r in shown]
+    blocks: list[Block] = [diagnosis.overall_table(cases), agreement.consistency_table(study)]
+    blocks.append(diagnosis.output_table(cases, "estimate"))
+    where = diagnosis.where_table(cases, "estimate")
+    blocks += [where] if where else []
+    for case in cases:
+        blocks += [
+            Paragraph(f"What is left unexplained at the estimate of {case.name}:"),
+            Bullets(tuple(diagnosis.verdict(case, "estimate"))),
+        ]
     return (*blocks, *(plot for plot in plots if plot))
 
 

@@ -11,7 +11,7 @@ from noiseid_cli.models.recording import Array
 from noiseid_cli.outcome import UnitResult
 from noiseid_cli.report.over_time import over_time, track, tracked_names
 from noiseid_cli.report.reading import (
-    PLACES,
+    ALL_PLACES,
     At,
     Names,
     correlation,
@@ -33,8 +33,9 @@ Row = tuple[str, str, str, float, str]
 
 
 def tidy_table(study: Study) -> Table:
-    """All numbers of a study in long form; ``at`` is start, estimate, truth or empty; a value may be empty.
+    """All numbers of a study in long form; a value may be empty.
 
+    ``at`` is tuning, start, estimate, truth, one of them with held_out_ before it, or empty.
     Of a sweep, each axis has a column of its own, ``sweep_`` and its name, between the unit and the number.
     """
     rows = []
@@ -66,12 +67,13 @@ def _rows(result: UnitResult, study: Study) -> Iterator[Row]:
     yield "", "seed", "", result.seed, ""
     yield from _parameter_rows(result)
     yield from _tracking_rows(result)
-    for at in PLACES:
+    yield from _certainty_rows(result)
+    for at in ALL_PLACES:
         yield from _covariance_rows(result, at)
         found = result.evaluations.get(at)
         if found is not None:
             yield from _evaluation_rows(result, at, found, study.path_unit())
-        elif at != "truth":
+        elif at in ("start", "estimate"):
             yield at, "loglik", "", loglik(result, at), ""
     for label, found in result.held_out.items():
         yield from _evaluation_rows(result, f"held_out_{label}", found, study.path_unit())
@@ -98,6 +100,18 @@ def _parameter_rows(result: UnitResult) -> Iterator[Row]:
             yield "estimate", "parameter_standard_error", name, float(found.standard_errors[i]), unit
         if result.parameters_true is not None:
             yield "truth", "parameter", name, float(result.parameters_true[i]), unit
+
+
+def _certainty_rows(result: UnitResult) -> Iterator[Row]:
+    found = result.uncertainty
+    if found is None:
+        return
+    units = {name: unit for name, unit, _ in result.noise_names}
+    for k, (metric, index, own) in enumerate(found.names):
+        unit = units.get(index, own) if metric == "process_noise_std" else own
+        yield "estimate", f"{metric}_standard_error", index, float(found.standard_errors[k]), unit
+        yield "estimate", f"{metric}_lower", index, float(found.lower[k]), unit
+        yield "estimate", f"{metric}_upper", index, float(found.upper[k]), unit
 
 
 def _covariance_rows(result: UnitResult, at: At) -> Iterator[Row]:
@@ -131,11 +145,25 @@ def _evaluation_rows(result: UnitResult, at: str, found: Evaluation, path_unit: 
     yield at, "loglik", "", found.loglik, ""
     yield at, "observed", "", found.observed, ""
     yield at, "nis", "", found.nis, ""
+    low, high = found.nis_bounds()
+    yield at, "nis_lower_bound", "", low, ""
+    yield at, "nis_upper_bound", "", high, ""
+    if found.nees_time is not None:
+        yield at, "nees", "", found.nees, ""
+        yield at, "nees_inside", "", found.nees_inside(), ""
     if found.path_error is not None:
         yield at, "path_error_norm", "", found.path_error_norm, path_unit
     for i, (name, _, _) in enumerate(result.output_names):
         yield at, "nis_output", name, float(found.nis_output[i]), ""
         yield at, "ljung_box_p", name, float(found.ljung_box[i]), ""
         yield at, "kurtosis", name, float(found.kurtosis[i]), ""
+        if found.inside is not None and found.normality is not None:
+            yield at, "inside_band", name, float(found.inside[i]), ""
+            yield at, "normality_p", name, float(found.normality[i]), ""
         for lag, rho in enumerate(found.autocorrelation[:, i], 1):
             yield at, "autocorrelation", f"{name}, {lag}", float(rho), ""
+    for misfit in found.misfit:
+        yield at, "misfit_unevenness", misfit.name, misfit.unevenness, ""
+        for k, nis in enumerate(misfit.nis, 1):
+            yield at, "misfit_nis", f"{misfit.name}, {k}", float(nis), ""
+            yield at, "misfit_upper_border", f"{misfit.name}, {k}", float(misfit.edges[k]), misfit.unit

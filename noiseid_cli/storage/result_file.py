@@ -2,7 +2,8 @@
 
 Format ``noiseid-result``, version 1. The root holds names and totals; ``start`` and ``final`` the noise values,
 ``trace`` their history, ``evaluation/<label>`` how a filter with them agrees with the data, ``held_out/<label>`` how
-with tests that no method has seen, ``truth`` what made it.
+with data that no method has seen, ``truth`` what made it, ``tuning`` what is in use today, ``uncertainty`` how sure
+the estimate is.
 """
 
 from __future__ import annotations
@@ -24,6 +25,8 @@ from noiseid_cli.outcome import UnitResult
 from noiseid_cli.storage import hdf5
 from noiseid_cli.storage.atomic import publish
 from noiseid_cli.storage.layout import add_columns, add_index, add_labels, columns_of, labels_of, put
+from noiseid_cli.storage.misfit import fill_misfits, read_misfits
+from noiseid_cli.storage.uncertainty import fill_uncertainty, read_uncertainty
 from noiseid_cli.storage.unknowns import (
     fill_parameters,
     fill_series,
@@ -67,7 +70,13 @@ _EVALUATION: dict[str, tuple[tuple[str, ...], str]] = {
     "path_error": (("sample",), "distance between estimated and true performance output"),
     "path_error_norm": ((), "2-norm over time of the path error; NaN where no truth is known"),
     "nis_time": (("sample",), "normalised innovation squared per measurement"),
+    "inside": (("output",), "share of innovations within their band of 95 %"),
+    "normality": (("output",), "p-value of the test of Jarque and Bera"),
+    "nees": ((), "mean normalised estimation error squared per state; NaN where no truth is known"),
+    "nees_time": (("sample",), "normalised estimation error squared per state"),
+    "states": ((), "number of states"),
 }
+_OPTIONAL = ("path_error", "inside", "normality", "nees_time")
 _PATH = "the performance output's unit"
 _SETTINGS = (
     "unit", "dataset", "method_label", "method", "status", "reason", "start_index", "start_label", "replicate", "seed",
@@ -160,6 +169,12 @@ def _fill_estimate(file: h5py.File, result: UnitResult) -> None:
     for letter, true in (("Q", result.Q_true), ("R", result.R_true)):
         if true is not None:
             put(truth, letter, true, *_VALUES[letter])
+    tuning = file.create_group("tuning")
+    for letter, used in (("Q", result.Q_tuning), ("R", result.R_tuning)):
+        if used is not None:
+            put(tuning, letter, used, *_VALUES[letter])
+    if result.uncertainty is not None:
+        fill_uncertainty(file.create_group("uncertainty"), result.uncertainty)
     _fill_trace(file.create_group("trace", track_order=True), estimate.trace)
     if estimate.parameters is not None:
         fill_parameters(file.create_group("parameters"), estimate.parameters, result.parameters_true)
@@ -195,11 +210,13 @@ def _fill_evaluation(parent: h5py.Group, label: str, evaluation: Evaluation) -> 
     group.attrs["filter"] = evaluation.filter
     add_index(group, "lag", len(evaluation.autocorrelation), "lag in samples", first=1)
     add_index(group, "sample", len(evaluation.nis_time), "number of the sample, all tests one after the other")
-    group.attrs["path_known"] = int(evaluation.path_error is not None)
+    for name in _OPTIONAL:
+        group.attrs[f"has_{name}"] = int(getattr(evaluation, name) is not None)
     for name, (dims, long_name) in _EVALUATION.items():
         values = getattr(evaluation, name)
         if values is not None:
             put(group, name, values, dims, _PATH if name.startswith("path") else "1", long_name)
+    fill_misfits(group, evaluation.misfit)
 
 
 def _result(file: h5py.File) -> UnitResult:
@@ -226,6 +243,9 @@ def _result(file: h5py.File) -> UnitResult:
         held_out={label: _evaluation(group, sizes) for label, group in file["held_out"].items()},
         held_out_tests=int(file.attrs["held_out_tests"]),
         parameters_true=parameter_values(file, "truth"),
+        uncertainty=read_uncertainty(file),
+        Q_tuning=file["tuning"]["Q"][()] if "tuning/Q" in file else None,
+        R_tuning=file["tuning"]["R"][()] if "tuning/R" in file else None,
         density=bool(file.attrs.get("density", 0)),
         interval=None if math.isnan(interval) else interval,
     )
@@ -260,8 +280,9 @@ def _values(group: h5py.Group, sizes: dict[str, int]) -> NoiseValues:
 def _evaluation(group: h5py.Group, sizes: dict[str, int]) -> Evaluation:
     here = sizes | {dim: len(group[dim]) if dim in group else 0 for dim in ("lag", "sample")}
     arrays = {
-        name: _array(group, name, tuple(here[dim] for dim in dims)) for name, (dims, _) in _EVALUATION.items() if dims
-        and (name != "path_error" or group.attrs["path_known"])
+        name: None if name in _OPTIONAL and not group.attrs.get(f"has_{name}", 0)
+        else _array(group, name, tuple(here[dim] for dim in dims))
+        for name, (dims, _) in _EVALUATION.items() if dims
     }  # fmt: skip
     return Evaluation(
         label=str(group.attrs["label"]),
@@ -270,7 +291,10 @@ def _evaluation(group: h5py.Group, sizes: dict[str, int]) -> Evaluation:
         observed=int(group["observed"][()]),
         nis=float(group["nis"][()]),
         path_error_norm=float(group["path_error_norm"][()]),
-        **({"path_error": None} | arrays),  # type: ignore[arg-type]
+        nees=float(group["nees"][()]) if "nees" in group else math.nan,
+        states=int(group["states"][()]) if "states" in group else 0,
+        misfit=read_misfits(group),
+        **arrays,  # type: ignore[arg-type]
     )
 
 

@@ -17,6 +17,7 @@ COMMANDS = [
     "import",
     "estimate",
     "report",
+    "diagnose",
     "export",
     "status",
     "check",

@@ -30,6 +30,7 @@ CHECKS = {
     "minimum": lambda v, s: not TYPES["number"](v) or v >= s,
     "maximum": lambda v, s: not TYPES["number"](v) or v <= s,
     "exclusiveMinimum": lambda v, s: not TYPES["number"](v) or v > s,
+    "exclusiveMaximum": lambda v, s: not TYPES["number"](v) or v < s,
     "minLength": lambda v, s: not isinstance(v, str) or len(v) >= s,
     "maxLength": lambda v, s: not isinstance(v, str) or len(v) <= s,
     "pattern": lambda v, s: not isinstance(v, str) or re.search(s, v),

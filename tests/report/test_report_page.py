@@ -78,8 +78,8 @@ def test_page_is_self_contained(written):
 def test_headings_come_in_order(written):
     headings = re.findall(r"<h2>(.*?)</h2>", written.html.read_text())
     assert headings == [
-        "What was estimated from what?",
         "The estimate: before and after",
+        "What was estimated from what?",
         "Which standard deviations?",
         "Do the starts agree?",
         "How do the methods compare?",

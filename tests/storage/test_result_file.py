@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from noiseid_cli.diagnostics.evaluation import Evaluation
+from noiseid_cli.diagnostics.where import Misfit
 from noiseid_cli.errors import DataError
-from noiseid_cli.estimators.estimate import Estimate, NoiseValues, Parameters, Series
+from noiseid_cli.estimators.estimate import Estimate, NoiseValues, Parameters, Series, Uncertainty
 from noiseid_cli.outcome import UnitResult
 from noiseid_cli.storage.provenance import provenance
 from noiseid_cli.storage.result_file import read_result, read_result_attributes, write_result
@@ -55,7 +56,10 @@ def results(draw):
     def evaluation(label):
         path = part(n) if draw(st.booleans()) else None
         figures = (part(ny), part(lags, ny), part(ny), part(ny))
-        return Evaluation(label, number(), n * ny, number(), *figures, path, number(), part(n))
+        more = {"inside": part(ny), "normality": part(ny), "nees": number(), "nees_time": part(n), "states": nx}
+        ranges = Misfit("speed", "rad/s", part(3), part(2), part(2))
+        more = more | {"misfit": (ranges,) * draw(st.integers(0, 2))} if draw(st.booleans()) else {}
+        return Evaluation(label, number(), n * ny, number(), *figures, path, number(), part(n), **more)
 
     trace = {"loglik": part(passes), "Q": part(passes, nv, nv), "R": part(passes, ny, ny), "change": part(passes)}
     estimate = Estimate(
@@ -78,6 +82,13 @@ def results(draw):
         state = {"count": np.array(7), "scheme": np.array("literal"), "J": part(2, 3), "seen": np.arange(3)}
         estimate = replace(estimate, parameters=parameters, state=state)
     truth = part(count) if estimate.parameters is not None and draw(st.booleans()) else None
+    d = draw(st.integers(0, 2))
+    coordinates = tuple(f"Q v{k}" for k in range(d))
+    figures = tuple(("process_noise_std", f"v{k}", "N m") for k in range(count))
+    sure = Uncertainty(
+        "score", 0.95, figures, part(count), part(count), part(count), part(count), ("of zero",) * count,
+        coordinates, part(d, d), part(draw(st.integers(0, 2))), ("weak",), ("a ridge",),
+    )  # fmt: skip
     columns = lambda letter, size: tuple((f"{letter}{k}", "N m", "a torque") for k in range(size))  # noqa: E731
     return UnitResult(
         "replicate-000/em/start-0", "demo", "em-plain", 1, "× 0.01", 3, estimate,
@@ -86,6 +97,9 @@ def results(draw):
         part(nv, nv) if draw(st.booleans()) else None, part(ny, ny) if draw(st.booleans()) else None,
         12.5, 2**127 + 1,
         {label: evaluation(label) for label in ("start", "estimate") if draw(st.booleans())}, 3, truth,
+        uncertainty=sure if draw(st.booleans()) else None,
+        Q_tuning=part(nv, nv) if draw(st.booleans()) else None,
+        R_tuning=part(ny, ny) if draw(st.booleans()) else None,
     )  # fmt: skip
 
 

@@ -1,0 +1,77 @@
+"""What the methods see of a dataset, and how sure they are of what they made of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from noiseid_cli.errors import NoiseidError
+
+if TYPE_CHECKING:
+    from noiseid_cli.config.method_base import MethodOptions
+    from noiseid_cli.config.schema_estimate import Estimate as Section
+    from noiseid_cli.estimators.estimate import Estimate, Uncertainty
+    from noiseid_cli.models.recording import Dataset
+    from noiseid_cli.pipeline.methods import Task
+
+ASSESSED = ("converged", "max_passes", "stalled_fixed_point")
+"""Standard errors are asked of ends with these statuses."""
+
+
+def fitted_part(section: Section | None, dataset: Dataset) -> Dataset:
+    """What the methods see of a dataset: each test without the end that is held out."""
+    from noiseid_cli.models.recording import head
+
+    if section is None or section.holdout is None:
+        return dataset
+    cut = [head(r, _fitted_samples(section, r.samples)) for r in dataset.recordings]
+    share = f"{100 * section.holdout.last:g} %"
+    note = f"the last {share} of each test were held out: no method saw them"
+    return replace(dataset, recordings=tuple(cut), notes=(*dataset.notes, note))
+
+
+def _fitted_samples(section: Section, samples: int) -> int:
+    """Number of samples of a test that are fitted; at least one, and at least one is left."""
+    assert section.holdout is not None
+    return min(max(math.ceil((1.0 - section.holdout.last) * samples), 1), max(samples - 1, 1))
+
+
+def assess_uncertainty(
+    section: Section, options: MethodOptions, task: Task, estimate: Estimate, seed: tuple[int, ...]
+) -> tuple[Uncertainty | None, tuple[str, ...]]:
+    """Standard errors of an estimate as the experiment asks for them, and why there are none.
+
+    Args:
+        section: the experiment's `estimate` section.
+        options: the method's options.
+        task: what the method was given, with the model at the estimate's parameter values.
+        estimate: what it ended with.
+        seed: seed and position of the unit, for the bootstrap.
+    """
+    import numpy as np
+
+    from noiseid_cli.estimators import em
+    from noiseid_cli.estimators.uncertainty import uncertainty
+    from noiseid_cli.pipeline.bootstrap import bootstrap
+
+    choice, name = section.uncertainty, options.method
+    u = task.unknowns
+    if choice.method == "none" or estimate.status not in ASSESSED or not (u.Q or u.R or u.P0 or u.m0):
+        return None, ()
+    try:
+        if choice.method == "bootstrap":
+            return bootstrap(name, task, estimate, choice.replicates or 100, choice.level, seed), ()
+        if not options.has_score:
+            return None, (
+                f"no standard errors: {name} does not maximise the likelihood, whose curvature gives them; "
+                "`uncertainty: {method: bootstrap}` does without",
+            )
+        own = em.EmOptions(**task.options) if name == "em" else None
+        found = uncertainty(task.model, task.recordings, estimate.final, task.unknowns, choice.level, own)
+        if len(task.parameters):
+            held = "These standard errors hold the model's parameters at their estimates."
+            found = replace(found, remarks=(*found.remarks, held))
+        return found, ()
+    except (NoiseidError, np.linalg.LinAlgError) as error:
+        return None, (f"no standard errors: {error}",)
