@@ -37,7 +37,7 @@ def test_what_does_nothing_is_refused_at_its_place(override, place, words):
 
 def test_two_kinds_of_held_out_data_are_refused():
     with pytest.raises(ConfigError, match="held_out makes tests to score on already"):
-        loaded("estimate.holdout.last=0.3", "simulate.held_out={trajectory: {kind: square}, tests: 1}")
+        loaded("estimate.holdout.last=0.3", "simulate.held_out={trajectory: {kind: zero}, tests: 1}")
 
 
 @pytest.mark.parametrize(
