@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from noiseid_cli.errors import ModelError
 from noiseid_cli.models.compiled import CompiledModel
@@ -55,6 +56,10 @@ class LinearFamily:
     def _steps(self) -> dict[tuple[bytes, float], tuple[Array, ...]]:
         return {}
 
+    @cached_property
+    def _constant(self) -> dict[tuple[bytes, float], ParametricMatrices]:
+        return {}
+
     @property
     def start(self) -> Array:
         """(na,) alpha at the values of the model, Q and R."""
@@ -72,9 +77,20 @@ class LinearFamily:
         return Q, R
 
     def __call__(self, alpha: Array, recording: Recording) -> ParametricMatrices:
-        """The matrices of one test; equal intervals are discretised once."""
+        """The matrices of one test; equal intervals are discretised once, and equal constant tests share the object."""
         # A test of one sample has no interval; any will do.
         intervals, index = np.unique(recording.dt if len(recording.dt) else [1.0], return_inverse=True)
+        if len(intervals) > 1:
+            return self._assembled(alpha, intervals, index)
+        key = (np.asarray(alpha, dtype=float).tobytes(), float(intervals[0]))
+        if key not in self._constant:
+            if len(self._constant) >= KEPT:
+                self._constant.clear()
+            self._constant[key] = self._assembled(alpha, intervals, index)
+        return self._constant[key]
+
+    def _assembled(self, alpha: Array, intervals: Array, index: NDArray[np.intp]) -> ParametricMatrices:
+        """The matrices over a test whose intervals are ``intervals[index]``."""
         steps = [self._step(alpha, float(dt)) for dt in intervals]
         A, B, Q, dA, dB, dQ = (np.stack([s[i] for s in steps], axis=0 if i < 3 else 1) for i in range(6))
         if len(intervals) > 1:

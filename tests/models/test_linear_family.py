@@ -124,3 +124,11 @@ def test_a_law_of_the_first_state_that_does_not_fit_is_refused(law):
 def test_the_states_that_the_model_says_nothing_of():
     assert [q.name for q in load_model("markov_manipulator").free_first_states] == ["x1", "x2"]
     assert [q.name for q in Oscillator().free_first_states] == ["s", "w"]
+
+
+def test_equal_constant_tests_share_their_matrices():
+    family = LinearFamily(load_model("markov_manipulator"), ("q", "rate"), np.eye(1), R)
+    first = family(family.start, blank(0.5, 0.5))
+    assert family(family.start.copy(), blank(0.5, 0.5, 0.5)) is first
+    assert not np.array_equal(family(family.start, blank(0.25)).A, first.A)
+    assert not np.array_equal(family(2.0 * family.start, blank(0.5)).Q, first.Q)

@@ -58,7 +58,7 @@ def correlated(
     order = np.concatenate((np.arange(na, p), np.arange(na)))
     results: list[RestoredBias] = []
     for i, (recording, T) in enumerate(zip(tests.recordings, tests.maps, strict=True)):
-        run = ignorant_filter(tests.matrices(i, theta.alpha), recording, T)
+        run = ignorant_filter(tests.matrices(i, theta.alpha), [recording], T)
         after = restore_bias(run, *_before(theta, coordinates, carried))
         results.append(after)
         nb = coordinates.nb

@@ -1,8 +1,9 @@
 """A Kalman filter with its derivatives in parameters, run on several columns at once; all else here is built on it.
 
-Columns share the gain. Column 0 carries the data. The ignorant filter of the partitioned method adds the columns -U,
-whose "innovations" are then T_k = C U_k; the standard filter has column 0 only. Derivatives follow
-porter1983_partitioned_recursive, eq. (29): at the optimal gain dP has no term in dK.
+Columns share the gain. The first ones carry the data, a column a test: tests with equal matrices, length and missing
+outputs have everything else in common. The ignorant filter of the partitioned method adds the columns -U, whose
+"innovations" are then T_k = C U_k; the standard filter has none. Derivatives follow porter1983_partitioned_recursive,
+eq. (29): at the optimal gain dP has no term in dK.
 
 Results are whitened: with S = L L' an innovation nu leaves as L^-1 nu and dS as L^-1 dS L^-T, L not differentiated.
 A missing output counts as one that sees nothing with unit noise, which changes no sum.
@@ -102,9 +103,9 @@ def update(P, dP, X, dX, C, dC, R, dR, G, dG, dS, K, L, scratch):  # type: ignor
 
 @routine
 def mask(y, C, dC, R, dR):  # type: ignore[no-untyped-def]
-    """Make each missing output one that sees nothing with unit noise."""
-    for r in range(y.size):
-        if math.isnan(y[r]):
+    """Make each missing output one that sees nothing with unit noise; y (ny, tests), missing in all tests alike."""
+    for r in range(len(y)):
+        if math.isnan(y[r, 0]):
             C[r] = 0.0
             dC[:, r] = 0.0
             R[r] = 0.0
@@ -115,96 +116,101 @@ def mask(y, C, dC, R, dR):  # type: ignore[no-untyped-def]
 
 
 @routine
-def predict(A, B, Q, dA, dB, dQ, u, P, dP, X, dX, Z, Y):  # type: ignore[no-untyped-def]
-    """Time update of everything; dA, dB, dQ are those of one step, (na, ., .). Only column 0 sees the input u."""
-    nx = A.shape[0]
-    na = dA.shape[0]
-    AP = np.zeros((nx, nx))
-    add(1.0, A, P, AP)
-    W, X_new, Z_new = np.empty((nx, nx)), np.empty(X.shape), np.empty(Z.shape)
-    for i in range(dP.shape[0]):
+def see(s, B, u, X):  # type: ignore[no-untyped-def]
+    """Add s B u to the first columns of X; u (nu, tests)."""
+    for r in range(B.shape[0]):
+        for c in range(u.shape[0]):
+            b = s * B[r, c]
+            for t in range(u.shape[1]):
+                X[r, t] += b * u[c, t]
+
+
+@routine
+def predict(A, B, Q, dA, dB, dQ, u, P, dP, X, dX, Z, Y, W, V, X_new, Z_new):  # type: ignore[no-untyped-def]
+    """Time update of everything; dA, dB, dQ are those of one step, (na, ., .). The columns of data see the input u.
+
+    W, V (nx, nx), X_new, Z_new like X and Z: scratch.
+    """
+    nx, na = len(A), len(dA)
+    V[:] = 0.0
+    add(1.0, A, P, V)
+    for i in range(len(dP)):
         W[:], X_new[:] = 0.0, 0.0
         add(1.0, A, dP[i], W)
         dP[i] = 0.0
         add_t(1.0, W, A, dP[i])
         add(1.0, A, dX[i], X_new)
         if i < na:
-            W[:, :] = 0.0
-            add_t(1.0, AP, dA[i], W)
+            W[:] = 0.0
+            add_t(1.0, V, dA[i], W)
             for r in range(nx):
                 for c in range(nx):
                     dP[i, r, c] += W[r, c] + W[c, r] + dQ[i, r, c]
             add(1.0, dA[i], X, X_new)
-            for r in range(nx):
-                for c in range(u.size):
-                    X_new[r, 0] += dB[i, r, c] * u[c]
+            see(1.0, dB[i], u, X_new)
         dX[i] = X_new
     P[:, :] = Q
-    add_t(1.0, AP, A, P)
+    add_t(1.0, V, A, P)
     X_new[:] = 0.0
     add(1.0, A, X, X_new)
+    see(1.0, B, u, X_new)
     X[:] = X_new
-    for i in range(na):
+    if Z.shape[1] > 0:
+        for i in range(na):
+            Z_new[:] = 0.0
+            add(1.0, dA[i], Z, Z_new)
+            add(1.0, A, Y[i], Z_new)
+            see(1.0, dB[i], u, Z_new)
+            Y[i] = Z_new
         Z_new[:] = 0.0
-        add(1.0, dA[i], Z, Z_new)
-        add(1.0, A, Y[i], Z_new)
-        Y[i] = Z_new
-    Z_new[:] = 0.0
-    add(1.0, A, Z, Z_new)
-    Z[:] = Z_new
-    for r in range(nx):
-        for c in range(u.size):
-            X[r, 0] += B[r, c] * u[c]
-            if Z.shape[1] > 0:
-                Z[r, 0] += B[r, c] * u[c]
-                for i in range(na):
-                    Y[i, r, 0] += dB[i, r, c] * u[c]
+        add(1.0, A, Z, Z_new)
+        see(1.0, B, u, Z_new)
+        Z[:] = Z_new
 
 
 @routine
 def innovate(y, u, C, D, dC, dD, X, dX, Z, Y, G, dG, g):  # type: ignore[no-untyped-def]
     """Innovations of all columns at one sample: G = data - C X with derivatives, g = d(C Z)/dalpha - C (taken in)."""
-    na = dC.shape[0]
-    G[:] = 0.0
-    dG[:] = 0.0
+    na, tests, crossed = len(dC), y.shape[1], Z.shape[1] > 0
+    G[:], dG[:], g[:] = 0.0, 0.0, 0.0
     add(-1.0, C, X, G)
-    for i in range(dG.shape[0]):
+    see(-1.0, D, u, G)
+    for r in range(len(y)):
+        for t in range(tests):
+            G[r, t] += y[r, t]
+    for i in range(len(dG)):
         add(-1.0, C, dX[i], dG[i])
         if i < na:
             add(-1.0, dC[i], X, dG[i])
-    crossed = Z.shape[1] > 0
-    for i in range(na):
-        g[i] = 0.0
-        if crossed:
+            see(-1.0, dD[i], u, dG[i])
+    if crossed:
+        for i in range(na):
             add(1.0, C, Y[i], g[i])
             add(1.0, dC[i], Z, g[i])
-    for r in range(y.size):
-        if math.isnan(y[r]):
-            continue
-        G[r, 0] += y[r]
-        for c in range(u.size):
-            G[r, 0] -= D[r, c] * u[c]
-            for i in range(na):
-                dG[i, r, 0] -= dD[i, r, c] * u[c]
-                if crossed:
-                    g[i, r, 0] += dD[i, r, c] * u[c]
+            see(1.0, dD[i], u, g[i])
+    for r in range(len(y)):
+        if math.isnan(y[r, 0]):
+            G[r, :tests], dG[:, r, :tests] = 0.0, 0.0
+            if crossed:
+                g[:, r, :tests] = 0.0
 
 
 @kernel(
     types.Tuple((types.int64, types.float64))(
         cube, cube, cube, cube, cube, cube, tesseract, tesseract, tesseract, tesseract, tesseract, tesseract,
-        matrix, matrix, matrix, cube, matrix, cube, matrix, cube, cube, tesseract, tesseract, tesseract,
+        cube, cube, matrix, cube, matrix, cube, matrix, cube, cube, tesseract, tesseract, tesseract,
     )
 )  # fmt: skip
 def differentiated_filter(  # type: ignore[no-untyped-def]
     A, B, Q, C, D, R, dA, dB, dQ, dC, dD, dR, u, y, P, dP, X, dX, Z, Y, G, dG, dS, g
 ):
-    """Run one test; na parameters enter the matrices, p >= na enter the start.
+    """Run tests that share everything but u and y; na parameters enter the matrices, p >= na enter the start.
 
     Args:
-        A, ..., dR: as in ``ParametricMatrices``. u: (N, nu). y: (N, ny), NaN where missing.
+        A, ..., dR: as in ``ParametricMatrices``.
+        u: (N, nu, tests). y: (N, ny, tests), NaN where missing, in all tests alike.
         P, dP, X, dX: start covariance (nx, nx), columns (nx, nc) and derivatives (p, ...); overwritten.
-        Z: (nx, nz) open-loop responses [to u, to each b] at the start and Y: (na, nx, nz) their derivatives less
+        Z: (nx, nz) open-loop responses [to each u, to each b] at the start and Y: (na, nx, nz) their derivatives less
             what the filter has taken in; nz = 0 leaves them out. Overwritten.
         G: (N, ny, nc), dG: (p, N, ny, nc), dS: (p, N, ny, ny): written, whitened.
         g: (na, N, ny, nz): written, whitened innovations of the columns d(response)/dalpha.
@@ -212,16 +218,18 @@ def differentiated_filter(  # type: ignore[no-untyped-def]
     Returns:
         -1 and the sum of log det S, or the sample where S was not positive definite.
     """
-    N, ny = y.shape
+    N, ny = y.shape[:2]
     nx, nc = X.shape
     p, na, nz = dP.shape[0], dA.shape[0], Z.shape[1]
     K, L, Gk = np.empty((nx, ny)), np.empty((ny, ny)), np.empty((ny, nc))
     dGk, dSk, gk = np.empty((p, ny, nc)), np.empty((p, ny, ny)), np.empty((na, ny, nz))
+    Ck, dCk, Rk, dRk = np.empty((ny, nx)), np.empty((na, ny, nx)), np.empty((ny, ny)), np.empty((na, ny, ny))
+    W, V, X_new, Z_new = np.empty((nx, nx)), np.empty((nx, nx)), np.empty((nx, nc)), np.empty((nx, nz))
     scratch = update_scratch(nx, ny)
     total = 0.0
     for k in range(N):
         c, d, r = min(k, C.shape[0] - 1), min(k, D.shape[0] - 1), min(k, R.shape[0] - 1)
-        Ck, dCk, Rk, dRk = C[c].copy(), dC[:, c].copy(), R[r].copy(), dR[:, r].copy()
+        Ck[:], dCk[:], Rk[:], dRk[:] = C[c], dC[:, c], R[r], dR[:, r]
         mask(y[k], Ck, dCk, Rk, dRk)
         innovate(y[k], u[k], Ck, D[d], dCk, dD[:, d], X, dX, Z, Y, Gk, dGk, gk)
         logdet = update(P, dP, X, dX, Ck, dCk, Rk, dRk, Gk, dGk, dSk, K, L, scratch)
@@ -237,5 +245,6 @@ def differentiated_filter(  # type: ignore[no-untyped-def]
         g[:, k] = gk
         if k < N - 1:
             a, b, q = min(k, A.shape[0] - 1), min(k, B.shape[0] - 1), min(k, Q.shape[0] - 1)
-            predict(A[a], B[b], Q[q], dA[:, a], dB[:, b], dQ[:, q], u[k], P, dP, X, dX, Z, Y)
+            predict(A[a], B[b], Q[q], dA[:, a], dB[:, b], dQ[:, q], u[k], P, dP, X, dX, Z, Y,
+                    W, V, X_new, Z_new)  # fmt: skip
     return -1, total

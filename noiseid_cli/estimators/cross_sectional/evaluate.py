@@ -8,24 +8,35 @@ import numpy as np
 
 from noiseid_cli.errors import EstimationError
 from noiseid_cli.estimators.cross_sectional.correlated import correlated
+from noiseid_cli.estimators.cross_sectional.equal import EqualTests, equal_tests
 from noiseid_cli.estimators.cross_sectional.full import full_evaluation
 from noiseid_cli.estimators.cross_sectional.ignorant import Statistics, ignorant_filter, statistics
 from noiseid_cli.estimators.cross_sectional.information import Evaluation, evaluate_statistics
 from noiseid_cli.estimators.cross_sectional.problem import Coordinates, CrossSection, Theta
 from noiseid_cli.estimators.cross_sectional.restoring import restored_information
+from noiseid_cli.models.recording import Array
+from noiseid_cli.models.threads import in_threads
 
 Evaluator = Literal["partitioned", "full"]
 
 
 def partitioned(tests: CrossSection, theta: Theta, coordinates: Coordinates) -> tuple[Evaluation, Statistics]:
-    """Natural (mu, Sigma, alpha) evaluation of each test, and the statistics that it came from."""
-    gathered, blocks = [], []
-    for i, (recording, T) in enumerate(zip(tests.recordings, tests.maps, strict=True)):
-        run = ignorant_filter(tests.matrices(i, theta.alpha), recording, T)
-        gathered.append(statistics(run))
-        blocks.append(restored_information(run, theta.mu, theta.Sigma))
-    stacked = Statistics.stack(gathered)
-    return evaluate_statistics(stacked, theta.mu, theta.Sigma, coordinates, np.array(blocks)), stacked
+    """Natural (mu, Sigma, alpha) evaluation of each test, and the statistics that it came from.
+
+    Tests that share their covariances go through one filter.
+    """
+    na, nb = coordinates.na, coordinates.nb
+    gathered, blocks = Statistics.empty(len(tests), na, nb), np.empty((len(tests), na, na))
+
+    def run(some: EqualTests) -> tuple[Statistics, Array]:
+        found = ignorant_filter(some.matrices, some.recordings, some.T)
+        return statistics(found), restored_information(found, theta.mu, theta.Sigma)
+
+    groups = equal_tests(tests, theta.alpha)
+    for some, (found, information) in zip(groups, in_threads(run, groups), strict=True):
+        gathered.put(some.which, found)
+        blocks[some.which] = information
+    return evaluate_statistics(gathered, theta.mu, theta.Sigma, coordinates, blocks), gathered
 
 
 def full(tests: CrossSection, theta: Theta, coordinates: Coordinates) -> Evaluation:

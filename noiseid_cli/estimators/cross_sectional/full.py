@@ -34,7 +34,7 @@ def full_evaluation(
     empty = np.empty((nx, 0))
     run = run_filter(
         m,
-        recording,
+        [recording],
         m.S_a + T @ theta.Sigma @ T.T,
         dP,
         (T @ theta.mu)[:, None].copy(),
@@ -43,6 +43,6 @@ def full_evaluation(
         np.empty((na, nx, 0)),
     )
     nll, gradient = likelihood(run.logdet, run.G, run.dG, run.dS)
-    information = expected_information(run.dG, run.dS)
+    information = expected_information(run.dG, run.dS)[0]
     order = np.concatenate((np.arange(na, p), np.arange(na)))
     return nll, gradient[order], information[np.ix_(order, order)]

@@ -63,9 +63,10 @@ def cholesky(S, L):  # type: ignore[no-untyped-def]
 def whiten(L, A):  # type: ignore[no-untyped-def]
     """Replace A by L^-1 A."""
     for i in range(L.shape[0]):
-        for c in range(A.shape[1]):
-            for r in range(i):
+        for r in range(i):
+            for c in range(A.shape[1]):
                 A[i, c] -= L[i, r] * A[r, c]
+        for c in range(A.shape[1]):
             A[i, c] /= L[i, i]
 
 
@@ -73,7 +74,8 @@ def whiten(L, A):  # type: ignore[no-untyped-def]
 def unwhiten(L, A):  # type: ignore[no-untyped-def]
     """Replace A by L^-T A."""
     for i in range(L.shape[0] - 1, -1, -1):
-        for c in range(A.shape[1]):
-            for r in range(i + 1, L.shape[0]):
+        for r in range(i + 1, L.shape[0]):
+            for c in range(A.shape[1]):
                 A[i, c] -= L[r, i] * A[r, c]
+        for c in range(A.shape[1]):
             A[i, c] /= L[i, i]

@@ -5,9 +5,11 @@
 b_{k-1} and M_{k-1} are the mean and covariance of b before measurement k.
 """
 
+# ruff: noqa: N815 - derivatives carry the paper's letters
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import types
@@ -21,9 +23,10 @@ from noiseid_cli.models.signatures import matrix
 
 
 def restored_information(run: Whitened, mu: Array, Sigma: Array) -> Array:
-    """The alpha-alpha block (30), (na, na); mu (nb,) and Sigma (nb, nb) do not depend on alpha."""
+    """The alpha-alpha blocks (30), (tests, na, na); mu (nb,) and Sigma (nb, nb) do not depend on alpha."""
     na, nb = len(run.dG), len(mu)
-    return restore_bias(run, mu, Sigma, np.zeros((na, nb)), np.zeros((na, nb, nb))).information
+    r = _restored(run, mu, Sigma, np.zeros((na, nb)), np.zeros((na, nb, nb)))
+    return expected_information(r.dnu, r.dB)
 
 
 @dataclass(frozen=True)
@@ -48,16 +51,38 @@ def restore_bias(run: Whitened, mean: Array, covariance: Array, dmean: Array, dc
     """Likelihood of one test with gradient and information in p parameters.
 
     Args:
-        run: the ignorant filter's innovations, with na parameters.
+        run: the ignorant filter's innovations of that test, with na parameters.
         mean, covariance: (nb,), (nb, nb) law of b before the test.
         dmean, dcovariance: (p, nb), (p, nb, nb) its derivatives, p >= na, the parameters of ``run`` first.
     """
+    r = _restored(run, mean, covariance, dmean, dcovariance)
+    nll, gradient = likelihood(r.logdet, r.nu, r.dnu, r.dB)
+    information = expected_information(r.dnu, r.dB)[0]
+    return RestoredBias(nll, gradient, information, r.b[:, 0], r.M, r.db[:, :, 0], r.dM)
+
+
+class _Restored(NamedTuple):
+    """Whitened innovations nu (N, ny, tests) of the standard filter, and b after the tests, (nb, tests)."""
+
+    logdet: float
+    nu: Array
+    dnu: Array
+    dB: Array
+    M: Array
+    dM: Array
+    b: Array
+    db: Array
+
+
+def _restored(run: Whitened, mean: Array, covariance: Array, dmean: Array, dcovariance: Array) -> _Restored:
+    """Run the filter for b on every test from the same law of b."""
     N, ny = run.G.shape[:2]
-    p = len(dmean)
-    nu, dnu, dB = np.empty((N, ny, 1)), np.empty((p, N, ny, 1)), np.empty((p, N, ny, ny))
-    M, dM, b, db = covariance.copy(), dcovariance.copy(), mean[:, None].copy(), dmean[:, :, None].copy()
+    p, tests = len(dmean), run.tests
+    nu, dnu, dB = np.empty((N, ny, tests)), np.empty((p, N, ny, tests)), np.empty((p, N, ny, ny))
+    M, dM = covariance.copy(), dcovariance.copy()
+    b, db = np.tile(mean[:, None], (1, tests)), np.tile(dmean[:, :, None], (1, 1, tests))
     logdet = run.logdet + _restore(run.G, run.dG, run.dS, M, dM, b, db, nu, dnu, dB)
-    return RestoredBias(*likelihood(logdet, nu, dnu, dB), expected_information(dnu, dB), b[:, 0], M, db[:, :, 0], dM)
+    return _Restored(logdet, nu, dnu, dB, M, dM, b, db)
 
 
 def likelihood(logdet: float, nu: Array, dnu: Array, dB: Array) -> tuple[float, Array]:
@@ -68,10 +93,11 @@ def likelihood(logdet: float, nu: Array, dnu: Array, dB: Array) -> tuple[float, 
 
 
 def expected_information(dnu: Array, dB: Array) -> Array:
-    """(30) from whitened derivatives dnu (p, N, ny, 1) and dB (p, N, ny, ny): 1/2 tr(dB dB) + dnu' dnu."""
-    p, N, ny = dnu.shape[:3]
-    dnu, dB = dnu.reshape(p, N * ny), dB.reshape(p, N * ny * ny)
-    information: Array = 0.5 * dB @ dB.T + dnu @ dnu.T
+    """(30) from whitened dnu (p, N, ny, tests) and dB (p, N, ny, ny): 1/2 tr(dB dB) + dnu' dnu, (tests, p, p)."""
+    p, N, ny, tests = dnu.shape
+    dB = dB.reshape(p, N * ny * ny)
+    own = np.ascontiguousarray(dnu.reshape(p, N * ny, tests).transpose(2, 0, 1))
+    information: Array = 0.5 * dB @ dB.T + own @ own.transpose(0, 2, 1)
     return information
 
 
@@ -79,23 +105,24 @@ def expected_information(dnu: Array, dB: Array) -> Array:
 def _restore(G, dG, dS, M, dM, b, db, nu, dnu, dB):  # type: ignore[no-untyped-def]
     """Measurement updates of b alone; in whitened units the "measurement noise" is I, its derivative dS.
 
-    M, dM, b, db are overwritten by those after the test. Returns the sum of log det B in whitened units.
+    M, dM, b (nb, tests), db are overwritten by those after the tests. Returns the sum of log det B in whitened units.
     """
-    N, ny, nc = G.shape
-    nb, na, p = nc - 1, dG.shape[0], db.shape[0]
+    N, ny = G.shape[:2]
+    nb, tests = b.shape
+    na, p = dG.shape[0], db.shape[0]
     K, L, unit = np.empty((nb, ny)), np.empty((ny, ny)), np.eye(ny)
     T, dT, dR = np.empty((ny, nb)), np.empty((na, ny, nb)), np.empty((na, ny, ny))
-    dnuk, dBk = np.empty((p, ny, 1)), np.empty((p, ny, ny))
+    dnuk, dBk = np.empty((p, ny, tests)), np.empty((p, ny, ny))
     scratch = update_scratch(nb, ny)
     total = 0.0
     for k in range(N):
-        T[:], dT[:], dR[:] = G[k, :, 1:], dG[:, k, :, 1:], dS[:, k]
-        nu[k, :, 0] = G[k, :, 0]
+        T[:], dT[:], dR[:] = G[k, :, tests:], dG[:, k, :, tests:], dS[:, k]
+        nu[k] = G[k, :, :tests]
         add(-1.0, T, b, nu[k])
         dnuk[:] = 0.0
         for i in range(p):
             if i < na:
-                dnuk[i, :, 0] = dG[i, k, :, 0]
+                dnuk[i] = dG[i, k, :, :tests]
                 add(-1.0, dT[i], b, dnuk[i])
             add(-1.0, T, db[i], dnuk[i])
         total += update(M, dM, b, db, T, dT, unit, dR, nu[k], dnuk, dBk, K, L, scratch)
