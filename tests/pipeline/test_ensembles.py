@@ -64,6 +64,14 @@ def test_the_state_in_a_result_file_goes_on_to_the_last_bit(tmp_path):
     np.testing.assert_array_equal(later.series[0].values, whole.series[0].values)
 
 
+def test_other_options_than_those_of_the_state_are_refused(tmp_path):
+    context = opened(tmp_path)
+    estimated(context, "recursive-ml")
+    path = estimate_units(context, ["recursive-ml"])[0].path
+    with pytest.raises(EstimationError, match=r"made with .*'statistics'.*cannot go on with .*'literal'"):
+        estimated(opened(tmp_path, f"estimate.continue_from={path}"), "recursive-literal")
+
+
 def test_the_key_of_a_continuation_knows_the_content_of_what_it_goes_on_from(tmp_path):
     names = []
     for content in (b"one", b"two", b"one"):

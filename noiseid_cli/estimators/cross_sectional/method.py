@@ -93,7 +93,7 @@ def recursive(
 
     Args:
         ensemble: tests, in the order of use, model and unknowns.
-        options: see ``RecursiveOptions``; not read with a ``state``, which brings its own.
+        options: see ``RecursiveOptions``; with a ``state`` they must be its own, or not be given.
         progress: told of each test.
         state: of an earlier run, whose tests are not needed any more.
 
@@ -102,8 +102,10 @@ def recursive(
     """
     began, done = time.perf_counter(), 0
     start = ensemble.start if state is None else state.theta
-    options = options or RecursiveOptions()
+    if state is not None and options not in (None, state.options):
+        raise EstimationError(f"the state was made with {state.options}; it cannot go on with {options}")
     if state is None:
+        options = options or RecursiveOptions()
         done = min(options.first, len(ensemble))
         theta = start
         if ensemble.compiled is not None:
