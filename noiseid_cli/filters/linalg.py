@@ -172,7 +172,8 @@ def upper_factor(P: NDArray[np.float64], what: str) -> NDArray[np.float64]:
         pass
     # Semidefinite: the eigenvalues tell rounding of a zero from a truly negative direction.
     values, vectors = np.linalg.eigh(P)
-    if values[0] < -len(P) * np.finfo(float).eps * max(values[-1], 0.0) or values[-1] < 0.0:
+    # A covariance is often a product of two factors, which brings in a few roundings of each sum.
+    if values[0] < -8 * len(P) * np.finfo(float).eps * max(values[-1], 0.0) or values[-1] < 0.0:
         raise EstimationError(f"{what} is not positive semidefinite: its smallest eigenvalue is {values[0]:.3g}")
     rows = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
     U = np.ascontiguousarray(rows)

@@ -222,3 +222,16 @@ def test_the_first_sample_is_not_measured_and_the_loop_is_closed(tmp_path):
     np.testing.assert_array_equal(dataset.Q_true, [[1.0]])
     assert len({r.x_true[0, 0] for r in dataset.recordings}) == len(dataset.recordings)
     assert {f.name for f in fields(dataset)} >= {"Q_true", "R_true"}
+
+
+def test_a_law_of_the_first_state_on_the_boundary_is_no_obstacle(tmp_path):
+    """A singular Sigma that rounding has made indefinite still starts the filter of a nonlinear model."""
+    context = opened(tmp_path, "estimate.initial_covariance.structure=full")
+    posed = ensemble(task(context, made(context)))
+    direction = np.array([1.0, 1e-4])
+    Sigma = np.outer(direction, direction) - 1e-13 * np.diag(direction**2)
+    theta = replace(posed.start, Sigma=Sigma)
+    assert np.linalg.eigvalsh(Sigma)[0] < 0
+    P0 = posed.noise(theta).P0[:2, :2]
+    np.testing.assert_allclose(P0, Sigma, rtol=1e-12)
+    assert np.linalg.eigvalsh(P0)[0] >= -4e-16

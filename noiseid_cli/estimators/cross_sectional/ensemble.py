@@ -18,6 +18,9 @@ from noiseid_cli.models.linear_family import LinearFamily
 from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.models.recording import Array, Recording
 
+BOUNDARY = 1e-9
+"""An eigenvalue of the correlations of b that is less negative counts as zero."""
+
 
 @dataclass(frozen=True)
 class FirstState:
@@ -113,9 +116,18 @@ class Ensemble:
         return CrossSection(biased, recordings, wide, self.first.common)
 
     def _spread(self, theta: Theta, T: Array) -> Array:
-        """Covariance of the first state, the model's own part left to the matrices."""
-        spread: Array = T @ theta.Sigma @ T.T
-        return spread
+        """Covariance of the first state, the model's own part left to the matrices.
+
+        On the boundary of the admissible set Sigma may have an eigenvalue that is negative by rounding; a filter's
+        factor has none.
+        """
+        scale = np.sqrt(np.diag(theta.Sigma))
+        scale = np.where(scale > 0.0, scale, 1.0)
+        values, vectors = np.linalg.eigh(theta.Sigma / np.outer(scale, scale))
+        if values[0] >= 0.0 or values[0] < -BOUNDARY:
+            return np.asarray(T @ theta.Sigma @ T.T)
+        half = T @ (scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
+        return np.asarray(half @ half.T)
 
     def noise(self, theta: Theta) -> NoiseValues:
         """Theta as noise values; the covariance of the first state is that under the first test's map."""

@@ -97,7 +97,7 @@ def run_filter(
 
 def ignorant_filter(m: ParametricMatrices, tests: Sequence[Recording], T: Array) -> Whitened:
     """Filter tests as if b were zero; columns [nu_I of each, T], with the derivative columns of the cross blocks."""
-    columns = np.hstack((np.zeros((len(T), len(tests))), T))
+    columns = np.ascontiguousarray(np.hstack((np.zeros((len(T), len(tests))), T)))
     zeros = np.zeros((len(m.dA), *columns.shape))
     return run_filter(m, tests, m.S_a.copy(), m.dS_a.copy(), -columns, zeros, columns, zeros.copy())
 
