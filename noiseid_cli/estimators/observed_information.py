@@ -29,7 +29,7 @@ LONGEST = 0.3
 
 @dataclass(frozen=True)
 class Information:
-    """Observed information in free coordinates.
+    """Information in free coordinates, observed or expected.
 
     Attributes:
         names: (d,) what each coordinate is.

@@ -38,6 +38,7 @@ from noiseid_cli.pipeline.units import earlier_result
 
 if TYPE_CHECKING:
     from noiseid_cli.config.method_base import MethodOptions
+    from noiseid_cli.config.schema_estimate import Estimate as Section
     from noiseid_cli.diagnostics.evaluation import Evaluation
     from noiseid_cli.models.compiled import CompiledModel
     from noiseid_cli.models.recording import Dataset
@@ -54,12 +55,9 @@ def make_estimate(context: Context, unit: EstimateUnit, progress: Progress | Non
     from noiseid_cli.storage.result_file import write_result
 
     began = time.perf_counter()
-    dataset = _selected(context, _read(context, unit.dataset.path))
-    section = context.experiment.estimate
-    assert section is not None
-    if unit.options.structure is not None:
-        own = section.process_noise.model_copy(update={"structure": unit.options.structure})
-        section = section.model_copy(update={"process_noise": own})
+    dataset = selected(context, _read(context, unit.dataset.path))
+    assert context.experiment.estimate is not None
+    section = with_structure(context.experiment.estimate, unit.options)
     check_time_constants(context.experiment.model.markov_noise, context.model.discretisation, dataset)
     first = first_names(context)
     start, unknowns = pose(section, dataset, context.compiled, unit.start.factors, unit.start.measurement_factor, first)
@@ -127,6 +125,14 @@ def make_estimate(context: Context, unit: EstimateUnit, progress: Progress | Non
     return result
 
 
+def with_structure(section: Section, options: MethodOptions) -> Section:
+    """The `estimate` section as a method takes it, whose structure of the process noise may be its own."""
+    if options.structure is None:
+        return section
+    own = section.process_noise.model_copy(update={"structure": options.structure})
+    return section.model_copy(update={"process_noise": own})
+
+
 def _basis(context: Context, dataset: Dataset, estimate: Estimate) -> dict[str, str]:
     """What the estimate holds for: the model with its parameter values, and the intervals between samples, s."""
     model, found = context.model, estimate.parameters
@@ -153,10 +159,14 @@ def _basis(context: Context, dataset: Dataset, estimate: Estimate) -> dict[str, 
 
 
 def _read(context: Context, path: Path) -> Dataset:
-    """A dataset with the true Q, which is stored per sample, in the unit of the estimate."""
+    """A dataset as the methods take it."""
     from noiseid_cli.storage.dataset_file import read_dataset
 
-    dataset = read_dataset(path)
+    return in_unit_of_estimate(context, read_dataset(path))
+
+
+def in_unit_of_estimate(context: Context, dataset: Dataset) -> Dataset:
+    """The dataset with the true Q, which is stored per sample, in the unit of the estimate."""
     if not context.density or dataset.Q_true is None:
         return dataset
     # Only simulated tests have one, and their intervals are equal.
@@ -215,7 +225,7 @@ def _score(context: Context, held_out: Dataset, wanted: Candidates, options: Met
     return evaluate_all(context, held_out.recordings, moved, options)
 
 
-def _selected(context: Context, dataset: Dataset) -> Dataset:
+def selected(context: Context, dataset: Dataset) -> Dataset:
     """The dataset with the tests that are used.
 
     Raises:

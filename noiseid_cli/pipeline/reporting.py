@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from noiseid_cli.errors import DataError
 from noiseid_cli.pipeline.assessment import fitted_part
+from noiseid_cli.pipeline.bound import bounds
 from noiseid_cli.pipeline.context import Context
 from noiseid_cli.pipeline.facts import dataset_facts, model_facts, named_at_point, published_facts, sweep_facts
 from noiseid_cli.pipeline.keys import digest
@@ -175,6 +176,7 @@ def gather(context: Context, methods: list[str] | None = None) -> tuple[Study, l
         claims=claims,
         estimates=estimates,
         sweep=sweep_facts(context, done),
+        bounds=bounds(context, done, results, datasets),
     )
     return study, [*results, *datasets]
 

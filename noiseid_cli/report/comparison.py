@@ -1,4 +1,4 @@
-"""Methods side by side: path errors over starts, on the data and on held-out tests; recovery over replicates."""
+"""Methods side by side: path errors over starts, on the data and on held-out tests."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from noiseid_cli.outcome import UnitResult
 from noiseid_cli.report.figure_style import INK, Plot, legend_above, method_colours, panels, plot_text
 from noiseid_cli.report.figures_time import WINDOW_SHARE, path_error_curve
-from noiseid_cli.report.reading import converged, covariances, group, std
+from noiseid_cli.report.reading import group
 from noiseid_cli.report.study import Study
 from noiseid_cli.report.tables import Cell, Column, Missing, Table, number
 
@@ -89,49 +89,6 @@ def _mean_nis(units: list[UnitResult], held_out: bool) -> Cell:
     found = [(u.held_out if held_out else u.evaluations).get("estimate") for u in units]
     values = [e.nis for e in found if e is not None]
     return number(float(np.mean(values)) if values else None, "The filter was not evaluated there")
-
-
-def recovery_table(study: Study) -> Table | None:
-    """Bias and spread of each standard deviation over replicates, with the Monte Carlo error of the bias.
-
-    None without replicates or truth, and for a sweep, whose points may have truths of their own.
-    """
-    if study.sweep or len({r.replicate for r in study.results}) < 2 or all(r.Q_true is None for r in study.results):
-        return None
-    columns = (
-        Column("Method"),
-        Column("Noise"),
-        Column("Truth"),
-        Column("In"),
-        Column("Replicates"),
-        Column("Bias", "%", decimals=2),
-        Column("± Monte Carlo", "%", decimals=2),
-        Column("Spread", "%", decimals=2),
-    )
-    rows: list[tuple[Cell, ...]] = []
-    for method, units in group([r for r in study.results if converged(r)], lambda r: r.method_label).items():
-        for i, (name, unit, _) in enumerate(units[0].noise_names):
-            truth = std(units[0].Q_true, i)
-            # Starts are averaged first: they share their data.
-            per_replicate = [
-                float(np.mean([std(covariances(u, "estimate")[0], i) for u in same])) / truth - 1
-                for same in group(units, lambda r: r.replicate).values()
-            ]
-            n = len(per_replicate)
-            spread = float(np.std(per_replicate, ddof=1)) if n > 1 else math.nan
-            why = "Fewer than two replicates converged"
-            rows.append(
-                (
-                    method, name, number(truth, "Not known"), unit, n, number(100 * float(np.mean(per_replicate)), why),
-                    number(100 * spread / math.sqrt(n), why), number(100 * spread, why),
-                )
-            )  # fmt: skip
-    caption = (
-        "Relative to the truth, over independent noise realisations. Spread: standard deviation of one estimate. "
-        "A bias beyond two or three times its Monte Carlo error is one."
-    )
-    title = "Bias and spread of the standard deviations of the process noise"
-    return Table("recovery", title, caption, columns, tuple(rows), keys=2)
 
 
 def best_paths_plot(study: Study) -> Plot | None:

@@ -15,6 +15,7 @@ from noiseid_cli.report.noise_units import noise_units_table
 from noiseid_cli.report.over_tests import approach_table, ensemble_plot
 from noiseid_cli.report.parameter_recovery import parameter_recovery
 from noiseid_cli.report.reading import best, converged, group, remark
+from noiseid_cli.report.recovery import recovery_table
 from noiseid_cli.report.side_by_side import compared, side_by_side
 from noiseid_cli.report.study import Study
 from noiseid_cli.report.tables import Table
@@ -195,7 +196,7 @@ def _comparison(study: Study) -> tuple[Block, ...]:
     several = len({r.method_label for r in study.results}) > 1 or any(r.held_out for r in study.results)
     scores = comparison.score_table(study) if several else None
     plots = [comparison.best_paths_plot(study), *comparison.start_paths_plots(study)] if several else []
-    return tuple(block for block in (scores, comparison.recovery_table(study), *plots) if block)
+    return tuple(block for block in (scores, recovery_table(study), *plots) if block)
 
 
 def _online(study: Study) -> tuple[Block, ...]:

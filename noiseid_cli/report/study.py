@@ -138,6 +138,7 @@ class Study:
         claims: what their source claims, in sentences.
         estimates: published estimates of scalar unknowns; None where there are none.
         sweep: what was varied; None where nothing was.
+        bounds: by method label, then by metric and index, the Cramer-Rao bound of a standard error, where it is exact.
     """
 
     title: str
@@ -153,6 +154,7 @@ class Study:
     claims: list[str] = field(default_factory=list)
     estimates: PublishedEstimates | None = None
     sweep: SweepFacts | None = None
+    bounds: dict[str, dict[tuple[str, str], float]] = field(default_factory=dict)
 
     def dataset(self, name: str) -> DatasetFacts | None:
         """Facts about one dataset; None where none were given."""

@@ -16,10 +16,11 @@ from noiseid_cli.report.build import (
     std_table,
     summary_table,
 )
-from noiseid_cli.report.comparison import recovery_table, score_table
+from noiseid_cli.report.comparison import score_table
 from noiseid_cli.report.noise_units import noise_units_table
 from noiseid_cli.report.parameter_recovery import parameter_recovery
 from noiseid_cli.report.published import published_tables
+from noiseid_cli.report.recovery import recovery_table
 from noiseid_cli.report.side_by_side import compared, side_by_side
 from noiseid_cli.report.study import Study
 from noiseid_cli.report.sweep import sweep_table

@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 
 from noiseid_cli.app import app
 
-CONFIGS = sorted((Path(__file__).parents[2] / "configs").glob("*.yaml"))
+CONFIGS = sorted((Path(__file__).parents[2] / "configs").rglob("*.yaml"))
 SHORT = {
     "axelsson2011": ["--set", "simulate.samples=150", "--set", "estimate.starts.draw.count=2",
                      "--set", "simulate.held_out.tests=1", "--set", "estimate.methods.alg3-full.max_passes=3"],
@@ -23,6 +23,7 @@ SHORT = {
     "porter1983": ["--set", "simulate.tests=8", "--set", "simulate.samples=60",
                    "--set", "estimate.methods.batch-ml.at_tests=[5]"],
     "quickstart": ["--set", "simulate.samples=150", "--set", "estimate.methods.em-plain.max_passes=4"],
+    "rank_one": ["--set", "simulate.samples=100", "--set", "simulate.replicates=2"],
     "riva2017_one_link": ["--set", "simulate.samples=1500", "--set", "simulate.replicates=1",
                           "--set", "simulate.parameter_changes=[{at: 0.2, scale: {mu_v: 4}}]"],
     "riva2017_pendubot": ["--set", "simulate.samples=1500", "--set", "simulate.replicates=1"],

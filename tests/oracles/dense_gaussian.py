@@ -43,3 +43,20 @@ def dense_posterior(A, B, G, C, D, recording, Q, R, m0, P0):
     K = np.linalg.solve(S, H @ cov).T
     loglik = -0.5 * (seen.sum() * np.log(2 * np.pi) + np.linalg.slogdet(S)[1] + nu @ np.linalg.solve(S, nu))
     return mean + K @ nu, cov - K @ H @ cov, loglik
+
+
+def dense_outputs(A, B, G, C, D, recording, Q, R, m0, P0):
+    """Mean and covariance of the observed outputs, sample by sample, before any is seen."""
+    n, N = len(A), recording.samples
+    mean, cov = [m0], np.zeros((N * n, N * n))
+    cov[:n, :n] = P0
+    for k in range(N - 1):
+        now, after = slice(k * n, (k + 1) * n), slice((k + 1) * n, (k + 2) * n)
+        mean.append(A @ mean[k] + B @ recording.u[k])
+        cov[after, : after.start] = A @ cov[now, : after.start]
+        cov[: after.start, after] = cov[after, : after.start].T
+        cov[after, after] = A @ cov[now, now] @ A.T + G @ Q @ G.T
+    seen = ~np.isnan(recording.y.ravel())
+    H = np.kron(np.eye(N), C)[seen]
+    means = (np.array(mean) @ C.T + recording.u @ D.T).ravel()[seen]
+    return means, H @ cov @ H.T + np.kron(np.eye(N), R)[np.ix_(seen, seen)]

@@ -10,12 +10,12 @@ from noiseid_cli.report.build import correlation_tables
 from noiseid_cli.report.comparison import (
     best_paths_plot,
     path_norm,
-    recovery_table,
     score_table,
     start_paths_plots,
 )
 from noiseid_cli.report.published import published_sentences, published_tables
 from noiseid_cli.report.reading import correlation
+from noiseid_cli.report.recovery import recovery_table
 from noiseid_cli.report.sections import sections
 from noiseid_cli.report.study import PublishedFacts
 from noiseid_cli.report.tables import Missing
@@ -77,6 +77,26 @@ def test_recovery_averages_starts_and_spreads_over_replicates(replicates):
         assert np.isclose(row[5], 100 * np.mean(relative))
         assert np.isclose(row[6], 100 * np.std(relative, ddof=1) / np.sqrt(5))
         assert np.isclose(row[7], 100 * np.std(relative, ddof=1))
+
+
+def test_spread_stands_beside_the_bound(replicates):
+    bound = {("process_noise_std", "va1"): 2.0, ("measurement_noise_std", "qm1"): 1e-8}
+    table = recovery_table(replace(replicates, bounds={"em": bound}))
+    row, plain = table.rows[0], recovery_table(replicates).rows[0]
+    assert row[:8] == plain
+    assert row[8] == pytest.approx(100 * 2.0 / 50.0)
+    assert row[9] == pytest.approx(row[7] / row[8])
+    assert "5 replicates the ratio has a Monte Carlo error of 35 %" in table.caption
+    assert isinstance(table.rows[1][9], Missing)
+
+
+def test_recovery_shows_measurement_noise_that_was_estimated(replicates):
+    units = [report_cases.unit("em", 0, replicate=r, samples=60, dataset=f"r{r}", estimates_R=True) for r in range(3)]
+    table = recovery_table(replace(replicates, results=units))
+    assert [row[1] for row in table.rows] == ["va1", "va2", "vm1", "vm2", "qm1", "qm2", "acc1", "acc2"]
+    ends = [np.sqrt(u.estimate.final.R[0, 0] / u.R_true[0, 0]) - 1 for u in units]
+    assert table.rows[4][5] == pytest.approx(100 * np.mean(ends), abs=1e-12)
+    assert "process noise" not in table.title
 
 
 def test_recovery_needs_replicates(starts):
