@@ -56,9 +56,10 @@ def _check_model(findings: Findings, model: ModelNames) -> None:
             ("model", "discretisation"),
             f"the model's equations {kind}: only {allowed} fits, not {chosen.discretisation}",
         )
-    elif chosen.discretisation == "exact" and model.nonlinearity:
+    elif chosen.discretisation in ("exact", "van_loan") and model.nonlinearity:
         findings.add(
-            ("model", "discretisation"), f"exact is for linear dynamics only; {model.nonlinearity}: take rk4 or euler"
+            ("model", "discretisation"),
+            f"{chosen.discretisation} is for linear dynamics only; {model.nonlinearity}: take rk4 or euler",
         )
 
 

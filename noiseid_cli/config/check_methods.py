@@ -35,7 +35,8 @@ def refusal(options: MethodOptions, section: Estimate) -> str:
     if beyond:
         able = [other for other, o in METHOD_OPTIONS.items() if asked <= o.can]
         places = " and ".join(f"estimate.{KINDS[kind]}" for kind in KINDS if kind in beyond)
-        return f"{name} cannot estimate what {places} asks for: give it as known{_or_take(able)}"
+        asks = "asks" if len(beyond) == 1 else "ask"
+        return f"{name} cannot estimate what {places} {asks} for: give it as known{_or_take(able)}"
     if "Q" not in asked and options.can == {"Q"}:
         able = [other for other, o in METHOD_OPTIONS.items() if asked <= o.can and o.can != {"Q"}]
         return f"{name} estimates the process noise, which is known here: give process_noise a start{_or_take(able)}"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from noiseid_cli.config.covariance import Covariance, NoiseCovariance, smallest_eigenvalue
 from noiseid_cli.config.document import Path
 from noiseid_cli.config.schema_estimate import Blocks, CovarianceChoice
-from noiseid_cli.config.suggest import did_you_mean
+from noiseid_cli.config.suggest import counted, did_you_mean
 
 if TYPE_CHECKING:
     from noiseid_cli.models.recording import Array
@@ -20,10 +20,8 @@ def check_size(add: Add, path: Path, covariance: Covariance, names: Sequence[str
     """Compare the size of a covariance with the names it belongs to."""
     if covariance.size == len(names):
         return True
-    add(
-        (*path, covariance.form),
-        f"has {covariance.size} entries, but the model has {len(names)} {what}: {', '.join(names)}",
-    )
+    has, wanted = counted(covariance.size, "entries"), counted(len(names), what)
+    add((*path, covariance.form), f"has {has}, but the model has {wanted}: {', '.join(names)}")
     return False
 
 

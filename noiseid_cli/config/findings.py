@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from noiseid_cli.config.document import Path
 from noiseid_cli.config.load import LoadedExperiment
-from noiseid_cli.config.suggest import did_you_mean
+from noiseid_cli.config.suggest import counted, did_you_mean
 from noiseid_cli.errors import Problem
 
 FREE = "states with a free first value"
@@ -66,4 +66,5 @@ def check_length(
 ) -> None:
     """Compare the length of a list with the names it belongs to."""
     if numbers is not None and len(numbers) != len(names):
-        findings.add(path, f"has {len(numbers)} numbers, but the model has {len(names)} {what}: {', '.join(names)}")
+        has, wanted = counted(len(numbers), "numbers"), counted(len(names), what)
+        findings.add(path, f"has {has}, but the model has {wanted}: {', '.join(names)}")

@@ -24,6 +24,20 @@ from noiseid_cli.models.recording import Array
 LETTERS = ("A", "B", "G", "C", "D")
 
 
+class MatrixError(ModelError):
+    """The matrices of a linear model do not make one.
+
+    Attributes:
+        fault: what is wrong, in a sentence.
+        letter: the matrix that it is about; empty where it is about several.
+    """
+
+    def __init__(self, fault: str, letter: str = "") -> None:
+        """Keep both."""
+        self.fault, self.letter = fault, letter
+        super().__init__(f"linear model: {fault}")
+
+
 @dataclass(frozen=True)
 class MatrixNames:
     """Names and units of a linear model's vectors; what is empty is called x1, u1, v1, y1 and on."""
@@ -98,7 +112,7 @@ def matrix_model(
         parameters: a value for each name that stands in a matrix.
 
     Raises:
-        ModelError: a matrix is missing, the shapes or lengths do not fit each other, or a name has no value.
+        MatrixError: a matrix is missing, the shapes or lengths do not fit each other, or a name has no value.
     """
     found = _complete(matrices)
     nx, nu, nv, ny = found["A"].shape[-1], found["B"].shape[-1], found["G"].shape[-1], found["C"].shape[-2]
@@ -107,7 +121,7 @@ def matrix_model(
     for group, letter, size in (("states", "x", nx), ("inputs", "u", nu), ("noises", "v", nv), ("outputs", "y", ny)):
         given = getattr(names, group)
         if given and len(given) != size:
-            raise ModelError(f"linear model: {len(given)} {group} are named, but the matrices have {size}.")
+            raise MatrixError(f"{len(given)} {group} are named, but the matrices have {size}.")
         groups[group] = given or tuple(Quantity(f"{letter}{i + 1}") for i in range(size))
     tables, series = {}, {}
     for letter, M in found.items():
@@ -116,7 +130,7 @@ def matrix_model(
     values = dict(parameters or {})
     used = sorted({e for M in tables.values() for e in M.ravel() if isinstance(e, str)} - set(series))
     if lacking := [name for name in used if name not in values]:
-        raise ModelError(f"linear model: {lacking[0]} stands in a matrix and has no value; give it under parameters.")
+        raise MatrixError(f"{lacking[0]} stands in a matrix and has no value; give it under parameters.")
     attributes = {
         "__doc__": "A linear model given by its matrices.",
         "name": "linear",
@@ -136,7 +150,7 @@ def _complete(matrices: Mapping[str, Any]) -> dict[str, Any]:
     """All five matrices as arrays of numbers and names, their shapes and lengths checked."""
     for letter in ("A", "C"):
         if letter not in matrices:
-            raise ModelError(f"linear model: the matrix {letter} is missing.")
+            raise MatrixError(f"the matrix {letter} is missing.")
     found = {letter: _array(letter, M) for letter, M in matrices.items()}
     nx, ny = found["A"].shape[-2], found["C"].shape[-2]
     nu = next((found[letter].shape[-1] for letter in ("B", "D") if letter in found), 0)
@@ -147,14 +161,15 @@ def _complete(matrices: Mapping[str, Any]) -> dict[str, Any]:
     expected = {"A": (nx, nx), "B": (nx, nu), "G": (nx, nv), "C": (ny, nx), "D": (ny, nu)}
     for letter, shape in expected.items():
         if found[letter].shape[-2:] != shape:
-            raise ModelError(
-                f"linear model: {letter} is {_times(found[letter].shape[-2:])}, expected {_times(shape)} "
-                f"(A is {_times(found['A'].shape[-2:])}, C {_times(found['C'].shape[-2:])})."
+            raise MatrixError(
+                f"{letter} is {_times(found[letter].shape[-2:])}, expected {_times(shape)} "
+                f"(A is {_times(found['A'].shape[-2:])}, C {_times(found['C'].shape[-2:])}).",
+                letter,
             )
     lengths = {letter: len(M) for letter, M in found.items() if M.ndim == 3}
     if len(set(lengths.values())) > 1:
         told = ", ".join(f"{letter} {length}" for letter, length in lengths.items())
-        raise ModelError(f"linear model: the matrices that vary over time differ in length: {told} samples.")
+        raise MatrixError(f"the matrices that vary over time differ in length: {told} samples.")
     return {letter: found[letter] for letter in LETTERS}
 
 
@@ -162,14 +177,14 @@ def _array(letter: str, given: Any) -> Any:
     rows = given.tolist() if isinstance(given, np.ndarray) else given
     mixed = not isinstance(given, np.ndarray) and any(isinstance(e, str) for row in rows for e in row)
     if not isinstance(given, np.ndarray) and len({len(row) for row in rows}) > 1:
-        raise ModelError(f"linear model: the rows of {letter} differ in length.")
+        raise MatrixError(f"the rows of {letter} differ in length.", letter)
     M = np.array(rows, dtype=object if mixed else float)
     if M.ndim not in (2, 3) or 0 in M.shape:
-        raise ModelError(
-            f"linear model: {letter} has the shape {M.shape}; it must be (rows, columns), or (samples, rows, columns)."
+        raise MatrixError(
+            f"{letter} has the shape {M.shape}; it must be (rows, columns), or (samples, rows, columns).", letter
         )
     if not mixed and not np.isfinite(M).all():
-        raise ModelError(f"linear model: {letter} has an entry that is not a finite number.")
+        raise MatrixError(f"{letter} has an entry that is not a finite number.", letter)
     return M
 
 

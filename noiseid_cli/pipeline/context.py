@@ -219,15 +219,15 @@ class Context:
         """Why the model cannot be discretised exactly, where the experiment asks for it; empty if it can."""
         from noiseid_cli.models.linearity import nonlinearity
 
-        own = type(model).discretisation
-        if self.experiment.model.discretisation != "exact" or own in ("exact", "discrete"):
+        own, chosen = type(model).discretisation, self.experiment.model.discretisation
+        if chosen not in ("exact", "van_loan") or own in ("exact", "van_loan", "discrete"):
             return ""
-        # Asked as the class's own scheme: with exact in force the equations would refuse themselves, without a place.
+        # Asked as the class's own scheme: with theirs in force the equations would refuse themselves, without a place.
         model.discretisation = own  # type: ignore[misc]
         try:
             return nonlinearity(model.equations())
         finally:
-            model.discretisation = "exact"  # type: ignore[misc]
+            model.discretisation = chosen  # type: ignore[misc]
 
 
 def open_experiment(

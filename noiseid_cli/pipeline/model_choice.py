@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from noiseid_cli.config.load import LoadedExperiment
 from noiseid_cli.config.schema_model import LETTERS, LinearModel, NamedQuantity
-from noiseid_cli.errors import ConfigError, DataError, ModelError
+from noiseid_cli.errors import ConfigError, DataError
 
 if TYPE_CHECKING:
     from noiseid_cli.models.declarations import Quantity
@@ -33,14 +33,16 @@ def chosen_model(loaded: LoadedExperiment) -> Model:
 
 
 def _linear(loaded: LoadedExperiment, linear: LinearModel, parameters: dict[str, float]) -> Model:
-    from noiseid_cli.models.matrix_model import MatrixNames, matrix_model
+    from noiseid_cli.models.matrix_model import MatrixError, MatrixNames, matrix_model
 
     matrices = _matrices(loaded, linear)
     names = MatrixNames(*map(_quantities, (linear.states, linear.inputs, linear.noises, linear.outputs)))
     try:
         return matrix_model(matrices, names, linear.discretisation, linear.sample_time, parameters)
-    except ModelError as error:
-        raise _at(loaded, ("model", "linear"), error) from error
+    except MatrixError as error:
+        own = error.letter if error.letter and getattr(linear, error.letter) is not None else ""
+        where = ("model", "linear", own) if own else ("model", "linear")
+        raise ConfigError(str(loaded.file), [loaded.problem(where, error.fault)]) from error
 
 
 def _matrices(loaded: LoadedExperiment, linear: LinearModel) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from noiseid_cli.models.recording import Recording
 
 
 def offset_case(seed, N=400):
-    """x next = A x + b_k + v, y = C x + d_k + e with known offsets b_k and d_k, which enter as inputs."""
+    """X next = A x + b_k + v, y = C x + d_k + e with known offsets b_k and d_k, which enter as inputs."""
     rng = np.random.default_rng(seed)
     A = rng.normal(size=(5, 5))
     A *= 0.95 / np.max(np.abs(np.linalg.eigvals(A)))

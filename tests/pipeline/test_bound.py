@@ -50,4 +50,3 @@ def test_the_bound_is_that_of_the_fitted_part_and_of_the_structure(tmp_path):
     half = Recording("half", np.ones(29), np.zeros((30, 0)), np.zeros((30, 2)))
     own = cramer_rao(model, [half], noise, Unknowns(Q=CovarianceStructure.full(noise.Q), R=tied))
     assert found["em"] == pytest.approx(own)
-
