@@ -211,7 +211,7 @@ EVERY_MEASURED = [".".join(map(str, p)) for p in paths(load_experiment(MEASURED)
 
 
 @given(st.integers(0, 2**32))
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=400)
 def test_any_value_anywhere_is_taken_or_refused_in_plain_words(seed):
     rng = random.Random(seed)
     file, known = rng.choice([(builtin_experiment(), EVERY_PATH), (MEASURED, EVERY_MEASURED)])

@@ -80,7 +80,7 @@ def test_keys_of_parts():
 
 
 @given(st.randoms(use_true_random=False))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_the_order_of_keys_plays_no_part(tmp_path_factory, random):
     def shuffled(value):
         if isinstance(value, dict):

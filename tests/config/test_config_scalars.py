@@ -104,6 +104,6 @@ def test_quotes_make_text(text):
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False))
-@settings(max_examples=500, deadline=None)
+@settings(max_examples=500)
 def test_every_double_comes_back_bit_for_bit(value):
     assert struct.pack("d", float(resolve(repr(value)))) == struct.pack("d", value)

@@ -327,7 +327,7 @@ def test_forms_of_a_covariance():
 
 
 @given(st.lists(st.floats(1e-150, 1e150), min_size=2, max_size=4), st.floats(-1, 1))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_std_and_correlation_make_an_exactly_symmetric_matrix(std, rho):
     n = len(std)
     correlation = np.eye(n)

@@ -3,7 +3,7 @@ import random
 import time
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from noiseid_cli.config.load import builtin_experiment, load_experiment
@@ -221,7 +221,7 @@ PIECES = ["[", "]", "{", "}", ":", "- ", "\n", "\t", "&a ", "*a", "!!x ", "'", '
 
 
 @given(st.integers(0, 2**32), st.integers(1, 8))
-@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=300)
 def test_mutated_experiments_never_raise_anything_else(seed, count):
     rng = random.Random(seed)
     text = STARTER

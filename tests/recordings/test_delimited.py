@@ -154,7 +154,7 @@ def test_missing_files_folders_and_unknown_kinds(tmp_path):
         read_table(RecordingSource("log", Path("log.xyz")), ["a"])
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(
     values=st.lists(st.tuples(*[st.floats(allow_nan=False, allow_infinity=False)] * 3), min_size=2, max_size=6),
     delimiter=st.sampled_from([",", ";", "\t", "|", " "]),

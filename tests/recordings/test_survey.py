@@ -38,7 +38,7 @@ def roles(found):
 
 
 @given(st.floats(1e-6, 1e3), st.integers(2, 400), st.integers(0, 2**32))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_the_step_of_a_rounded_signal_is_found_to_nine_printed_digits(step, levels, seed):
     ticks = np.random.default_rng(seed).integers(-levels, levels, 500)
     ticks[:2] = 0, 1  # so that one step apart does occur

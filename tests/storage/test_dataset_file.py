@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 import pytest
 import xarray
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -94,7 +94,7 @@ def example(n=700):
     )
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=60)
 @given(dataset=datasets())
 def test_round_trip_is_exact_to_the_bit(tmp_path, dataset):
     write_dataset(tmp_path / "d.h5", dataset, {})
@@ -317,7 +317,7 @@ def group_cycle(file, canary):
 def test_a_sealed_file_with_foreign_content_is_refused(tmp_path, trick):
     canary = tmp_path / "canary.h5"
     with h5py.File(canary, "w") as file:
-        file["secret"] = np.array([42.0, 43.0])
+        file["secret"] = np.array([271828.5, 314159.25])
     before = canary.read_bytes()
     memory = io.BytesIO()
     with h5py.File(memory, "w") as file:
@@ -326,5 +326,5 @@ def test_a_sealed_file_with_foreign_content_is_refused(tmp_path, trick):
     (tmp_path / "bad.h5").write_bytes(memory.getvalue() + hdf5._seal(memory.getvalue()))
     with pytest.raises(DataError, match=r"bad\.h5") as caught:
         read_dataset(tmp_path / "bad.h5")
-    assert "42" not in str(caught.value)
+    assert "271828" not in str(caught.value)
     assert canary.read_bytes() == before
