@@ -23,6 +23,7 @@ _ADVICE = {
     errno.ENOTDIR: "a file stands where a folder is needed; choose another folder",
     errno.EEXIST: "a file stands where a folder is needed; choose another folder",
     errno.EISDIR: "a folder of that name is in the way; move it or choose another name",
+    errno.ELOOP: "a link stands in its place; remove it",
     errno.EIO: "the disk reports a fault; check it, then run the same command again",
 }
 _DAY = 86400.0
@@ -55,8 +56,13 @@ def publish(path: Path, data: bytes) -> None:
             raise
         _sync_folder(path.parent)
     except OSError as error:
-        advice = _ADVICE.get(error.errno or 0, "put that right and run the same command again")
-        raise DataError(f"{path} could not be written: {error.strerror or error}: {advice}.") from error
+        raise refused(path, error) from error
+
+
+def refused(path: Path, error: OSError) -> DataError:
+    """What to tell when the operating system does not let a file be written, with what to do about it."""
+    advice = _ADVICE.get(error.errno or 0, "put that right and run the same command again")
+    return DataError(f"{path} could not be written: {error.strerror or error}: {advice}.")
 
 
 def _write(part: Path, data: bytes) -> None:

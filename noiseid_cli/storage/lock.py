@@ -17,6 +17,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from noiseid_cli.errors import DataError
+from noiseid_cli.storage.atomic import refused
 
 NAME = ".lock"
 _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL)
@@ -41,9 +42,7 @@ def locked(folder: Path, say: Callable[[str], None], wait: bool = False, name: s
         # Never truncated on opening: the text is the holder's until the lock is ours.
         handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
     except OSError as error:
-        raise DataError(
-            f"{path} cannot be written: {error.strerror}: choose another folder with --out, or change its permissions."
-        ) from error
+        raise refused(path, error) from error
     try:
         if _take(handle, path, say, wait):
             _sign(handle)

@@ -2,9 +2,9 @@
 
 import contextlib
 import json
+import resource
 import subprocess
 import sys
-import time
 
 import pytest
 from small_experiment import COMMAND, CONFIG, files_of, noiseid, write_experiment
@@ -16,12 +16,18 @@ from noiseid_cli.errors import DataError
 HEAVY = ("numpy", "scipy", "sympy", "numba", "matplotlib", "h5py", "pydantic", "yaml", "jinja2", "rich", "platformdirs")
 
 
+def used_by_children():
+    """Seconds of a processor; a clock would tell how busy the machine is."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
 def test_version_is_quick_and_imports_nothing_heavy():
     seconds = []
     for _ in range(3):
-        began = time.perf_counter()
+        began = used_by_children()
         told = subprocess.run([*COMMAND, "--version"], capture_output=True, text=True, check=True)
-        seconds.append(time.perf_counter() - began)
+        seconds.append(used_by_children() - began)
     assert told.stdout == f"noiseid {__version__}\n"
     assert min(seconds) < 0.5
     code = f"import sys, noiseid_cli.app; print([m for m in {HEAVY} if m in sys.modules])"

@@ -8,7 +8,7 @@ import yaml
 from small_experiment import noiseid, write_experiment, write_recordings
 
 ROOT = Path(__file__).parents[2]
-MEASURED = sorted((ROOT / "data" / "measured").glob("*.csv"))
+MEASURED = sorted((ROOT / "data" / "measured").glob("double_pendulum_*.csv"))
 PENDULUM = f"{ROOT / 'configs' / 'double_pendulum.py'}:DoublePendulum"
 
 
@@ -29,6 +29,20 @@ def test_what_it_writes_for_a_measured_log_checks_and_runs(empty, log, model):
     assert outputs == (["pos1", "pos2"] if "rest" in log.stem else ["pos_meas1", "pos_meas2"])
     # One encoder step is 3.8e-4 rad: the noise is of that size.
     assert all(5e-5 < std < 1e-3 for std in written["estimate"]["measurement_noise"]["start"]["std"])
+
+
+def test_a_log_without_a_header_and_a_time_is_taken_by_its_interval(empty):
+    nile = ROOT / "data" / "measured" / "nile.csv"
+    refused = noiseid("init", "--from", nile)
+    assert refused.exit_code == 3
+    assert "--time COLUMN" in refused.stderr
+    assert "--interval SECONDS" in refused.stderr
+    made = noiseid("init", "--from", nile, "--interval", "1")
+    assert made.exit_code == 0, made.stderr
+    assert noiseid("check").exit_code == 0
+    written = yaml.safe_load((empty / "noiseid.yaml").read_text())["import"]
+    assert written["time"] == {"interval": 1}
+    assert list(written["outputs"].values()) == [1]
 
 
 def write_log(folder, name="log.csv", **columns):

@@ -6,6 +6,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 import sympy as sp
+from one_step import transition, workspace
 
 from noiseid_cli.errors import ModelError
 from noiseid_cli.estimators import em
@@ -15,7 +16,6 @@ from noiseid_cli.models import Model, Parameter, Quantity, Terms
 from noiseid_cli.models.coloured import with_markov_noise
 from noiseid_cli.models.compile import compile_model
 from noiseid_cli.models.describe import describe
-from noiseid_cli.models.discretisation import transition, workspace
 from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.models.recording import Recording
 

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 import sympy as sp
+from one_step import transition, workspace
 
 from noiseid_cli.models import Model, Parameter, Quantity
 from noiseid_cli.models.compile import compile_model
-from noiseid_cli.models.discretisation import SCHEMES, transition, workspace
+from noiseid_cli.models.discretisation import SCHEMES
 from noiseid_cli.models.equations import DISCRETISATIONS
 
 

@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 import sympy as sp
+from one_step import transition, workspace
 from scipy.linalg import block_diag, expm
 
 from noiseid_cli.errors import ModelError
 from noiseid_cli.models import Model, Parameter, Quantity
 from noiseid_cli.models.compile import compile_model
-from noiseid_cli.models.discretisation import DENSITY, EXACT, RK4, transition, workspace
+from noiseid_cli.models.discretisation import DENSITY, EXACT, RK4
 from noiseid_cli.models.exponential import held_exponential
 
 

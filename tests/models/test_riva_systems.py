@@ -6,12 +6,12 @@ import math
 import numpy as np
 import pytest
 import sympy as sp
+from one_step import transition, workspace
 from scipy.integrate import solve_ivp
 
 from noiseid_cli.errors import ModelError
 from noiseid_cli.models import Model, Parameter, Quantity
 from noiseid_cli.models.compile import compile_model
-from noiseid_cli.models.discretisation import transition, workspace
 from noiseid_cli.models.registry import load_model
 
 q1, q2, w1, w2, a1, a2 = sp.symbols("q1 q2 w1 w2 a1 a2")

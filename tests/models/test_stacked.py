@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
+from one_step import transition, workspace
 from pendulum import Pendulum
 
 from noiseid_cli.errors import ModelError
 from noiseid_cli.models import Model, Parameter, Quantity
 from noiseid_cli.models.compile import compile_model
-from noiseid_cli.models.discretisation import advance, transition, workspace
+from noiseid_cli.models.discretisation import advance
 from noiseid_cli.models.stacked import stack_gains, stack_parameters
 
 

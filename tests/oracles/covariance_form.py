@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-
-from noiseid_cli.models.discretisation import transition, workspace
+from one_step import transition, workspace
 
 
 def step(model, x, u, dt):

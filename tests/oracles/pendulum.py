@@ -2,10 +2,10 @@
 
 import numpy as np
 import sympy
+from one_step import transition, workspace
 
 from noiseid_cli.models import Model, Parameter, Quantity
 from noiseid_cli.models.compile import compile_model
-from noiseid_cli.models.discretisation import transition, workspace
 from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.models.recording import Recording
 

@@ -3,8 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-
-from noiseid_cli.models.discretisation import transition, workspace
+from one_step import transition, workspace
 
 
 @dataclass

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from one_step import transition, workspace
 
 from noiseid_cli.errors import DataError, ModelError
 from noiseid_cli.models import Model, Quantity
 from noiseid_cli.models.compile import compile_model
-from noiseid_cli.models.discretisation import transition, workspace
 from noiseid_cli.models.registry import load_model, load_model_file
 from noiseid_cli.simulation import signals
 from noiseid_cli.simulation.motions import MOTIONS, Multisine, Plan, Square, Steps, Zero, plan_motion
