@@ -18,6 +18,8 @@ SHORT = {
                           "--set", "estimate.methods.batch-ml.at_tests=[5]",
                           "--set", "estimate.methods.recursive-ml.first=5",
                           "--set", "estimate.methods.recursive-literal.first=5"],
+    "porter1983_many_tests": ["--set", "simulate.replicates=1", "--set", "simulate.tests=8",
+                              "--set", "simulate.samples=60", "--set", "estimate.methods.batch-ml.at_tests=[5]"],
     "porter1983_replicates": ["--set", "simulate.replicates=2", "--set", "simulate.tests=8",
                               "--set", "simulate.samples=60", "--set", "estimate.methods.batch-ml.at_tests=[5]"],
     "porter1983": ["--set", "simulate.tests=8", "--set", "simulate.samples=60",
