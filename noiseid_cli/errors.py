@@ -15,6 +15,10 @@ class DataError(NoiseidError):
     """A recording or a file of ours cannot be used as it is."""
 
 
+class DamagedError(DataError):
+    """A file under one of our names does not hold what was written there; it can be put aside and made anew."""
+
+
 class ModelError(NoiseidError):
     """A model is not known, cannot be loaded or has faulty equations."""
 

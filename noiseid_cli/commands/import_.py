@@ -15,6 +15,7 @@ from noiseid_cli.commands.options import (
     Quiet,
     Seed,
     Set,
+    UnitTimeout,
     Verbose,
     Wait,
 )
@@ -31,6 +32,7 @@ def import_(
     dry_run: DryRun = False,
     wait: Wait = False,
     dask: Dask = "",
+    time_limit: UnitTimeout = None,
     quiet: Quiet = False,
     verbose: Verbose = False,
     json: Json = False,
@@ -48,6 +50,7 @@ def import_(
         dry_run=dry_run,
         wait=wait,
         dask=dask,
+        time_limit=time_limit,
         quiet=quiet,
         verbose=verbose,
         json=json,

@@ -34,6 +34,17 @@ Dask = Annotated[
         "or local: --jobs workers on this machine.",
     ),
 ]
+UnitTimeout = Annotated[
+    float | None,
+    typer.Option(
+        "--unit-timeout",
+        metavar="SECONDS",
+        min=0.1,
+        help="End a unit that takes longer, as failed; the others go on. Units then run in a process of their own even "
+        "with --jobs 1. Default: no limit.",
+        show_default=False,
+    ),
+]
 Method = Annotated[
     list[str] | None,
     typer.Option(

@@ -16,6 +16,7 @@ from noiseid_cli.commands.options import (
     Quiet,
     Seed,
     Set,
+    UnitTimeout,
     Verbose,
     Wait,
 )
@@ -33,6 +34,7 @@ def run(
     dry_run: DryRun = False,
     wait: Wait = False,
     dask: Dask = "",
+    time_limit: UnitTimeout = None,
     quiet: Quiet = False,
     verbose: Verbose = False,
     json: Json = False,
@@ -55,6 +57,7 @@ def run(
         dry_run=dry_run,
         wait=wait,
         dask=dask,
+        time_limit=time_limit,
         quiet=quiet,
         verbose=verbose,
         json=json,

@@ -29,7 +29,7 @@ class Job:
     Attributes:
         context: the experiment.
         listener: is told what goes on.
-        jobs, force, dry_run, json: the flags.
+        jobs, force, dry_run, wait, dask, time_limit, json: the flags.
         stages: what came of the units of each stage that has run.
         waiting: number of units that could not run for want of their dataset.
     """
@@ -41,6 +41,7 @@ class Job:
     dry_run: bool
     wait: bool
     dask: str
+    time_limit: float | None
     json: bool
     stages: dict[str, list[Token]] = field(default_factory=dict)
     waiting: int = 0
@@ -60,7 +61,9 @@ class Job:
             ]
             return
         with self.listener:
-            tokens = run_units(self.context, stage, units, self.listener, self.jobs, self.force, self.wait, self.dask)
+            tokens = run_units(
+                self.context, stage, units, self.listener, self.jobs, self.force, self.wait, self.dask, self.time_limit
+            )
         self.stages[stage] = tokens
         failed = sum(token.state == "failed" for token in tokens)
         if failed and len(tokens) > 1:
@@ -187,6 +190,7 @@ def open_job(
     dry_run: bool = False,
     wait: bool = False,
     dask: str = "",
+    time_limit: float | None = None,
     quiet: bool = False,
     verbose: bool = False,
     json: bool = False,
@@ -202,4 +206,4 @@ def open_job(
     heard = listener(quiet, verbose)
     heard.say(found.sentence)
     context = open_experiment(found.file, out, overrides or (), seed, heard.say)
-    return Job(context, heard, jobs, force, dry_run, wait, dask, json)
+    return Job(context, heard, jobs, force, dry_run, wait, dask, time_limit, json)

@@ -7,9 +7,6 @@ from noiseid_cli.config.document import Path
 from noiseid_cli.config.findings import FREE, Findings, ModelNames, check_length
 from noiseid_cli.config.schema_simulate import Multisine, SCurve, Simulate, Square, Steps, Trajectory
 
-MEMORY_LIMIT_GIB = 1.0
-"""Largest size of the true states, or of the changing parameters, of one simulated dataset."""
-
 
 def check_simulate(findings: Findings, simulate: Simulate, model: ModelNames) -> None:
     """Note every problem with the section."""
@@ -20,7 +17,6 @@ def check_simulate(findings: Findings, simulate: Simulate, model: ModelNames) ->
     if simulate.initial_covariance is not None:
         path: Path = ("simulate", "initial_covariance")
         check_size(findings.add, path, simulate.initial_covariance, model.first, FREE)
-    _check_memory(findings, simulate, model)
     interval = simulate.sample_time or model.sample_time
     if interval is None:
         findings.add(("simulate", "sample_time"), "is missing: the model has no sample time of its own; give it in s")
@@ -31,18 +27,6 @@ def check_simulate(findings: Findings, simulate: Simulate, model: ModelNames) ->
     if simulate.held_out is not None:
         path = ("simulate", "held_out", "trajectory")
         _check_trajectory(findings, path, simulate.held_out.trajectory, model, interval)
-
-
-def _check_memory(findings: Findings, simulate: Simulate, model: ModelNames) -> None:
-    columns = {"states": len(model.states), "parameters": len(model.parameters) if simulate.parameter_changes else 0}
-    what = max(columns, key=lambda name: columns[name])
-    size = simulate.samples * columns[what] * simulate.tests * 8 / 2**30
-    if size > MEMORY_LIMIT_GIB:
-        findings.add(
-            ("simulate", "samples"),
-            f"{simulate.samples} samples x {simulate.tests} tests x {columns[what]} {what} need {size:.3g} GiB; "
-            f"at most {MEMORY_LIMIT_GIB:g} GiB are allowed: take fewer samples or tests",
-        )
 
 
 def _check_sample_time(findings: Findings, simulate: Simulate, model: ModelNames) -> None:

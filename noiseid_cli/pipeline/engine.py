@@ -11,7 +11,7 @@ from collections.abc import Generator, Sequence
 from contextlib import closing, nullcontext, suppress
 
 from noiseid_cli.errors import DataError
-from noiseid_cli.pipeline.cluster import on_cluster
+from noiseid_cli.pipeline.cluster import LOCAL, on_cluster
 from noiseid_cli.pipeline.context import Context
 from noiseid_cli.pipeline.making import Listener, Token, Unit, found, make
 from noiseid_cli.pipeline.workers import in_processes
@@ -26,6 +26,7 @@ def run_units(
     force: bool = False,
     wait: bool = False,
     dask: str = "",
+    time_limit: float | None = None,
 ) -> list[Token]:
     """Make every unit that is not there; with ``force``, all of them.
 
@@ -34,43 +35,73 @@ def run_units(
         stage: name of the stage, for the listener.
         units: what to make, in order.
         listener: is told what goes on.
-        jobs: number of processes; 1 works in this one.
+        jobs: number of processes; 1 works in this one, unless there is a time limit.
         force: make units anew that are there.
         wait: wait for a run that is at work in the same folder.
         dask: address of a dask scheduler that makes them, or ``local``; empty for processes of this machine.
+        time_limit: longest time for one unit, s; it is ended then, with its process, and has failed. None: no limit.
 
     Returns:
         One token per unit, in the order of ``units``.
 
     Raises:
-        DataError: another run is at work in the same folder.
+        DataError: another run is at work in the same folder, there is not enough memory, or a time limit is set for a
+            dask cluster.
     """
     from noiseid_cli.storage.lock import locked
 
+    if dask and time_limit is not None:
+        raise DataError(
+            "--unit-timeout is for processes of this machine: dask ends no unit that runs; set the time limit of the "
+            "cluster's own jobs"
+        )
+    there = {} if force else _look(units, {})
     # With nothing to make, a folder may be anybody's, or not be writable at all.
-    at_rest = not force and all(unit.done for unit in units)
+    at_rest = len(there) == len(units) and all(token.state != "damaged" for token in there.values())
     with nullcontext() if at_rest else locked(context.folder, listener.say, wait):
-        return _run(context, stage, units, listener, jobs, force, dask)
+        if not at_rest and not force:
+            there = _look(units, there)  # another run may have been at work meanwhile
+        return _run(context, stage, units, there, listener, jobs, dask, time_limit)
+
+
+def _look(units: Sequence[Unit], seen: dict[str, Token]) -> dict[str, Token]:
+    """Tokens of the units that are there, by name; those that were found whole before are not looked at again."""
+    whole = {name: token for name, token in seen.items() if token.state == "there"}
+    return whole | {unit.name: found(unit) for unit in units if unit.name not in whole and unit.done}
 
 
 def _run(
-    context: Context, stage: str, units: Sequence[Unit], listener: Listener, jobs: int, force: bool, dask: str
+    context: Context,
+    stage: str,
+    units: Sequence[Unit],
+    there: dict[str, Token],
+    listener: Listener,
+    jobs: int,
+    dask: str,
+    time_limit: float | None,
 ) -> list[Token]:
-    from noiseid_cli.storage.atomic import sweep_parts
+    from noiseid_cli.pipeline.memory import check_memory
+    from noiseid_cli.storage.atomic import put_aside, sweep_parts
 
     for folder in {unit.path.parent for unit in units}:
         sweep_parts(folder)
-    tokens = {} if force else {unit.name: found(unit) for unit in units if unit.done}
+    tokens = {name: token for name, token in there.items() if token.state != "damaged"}
     todo = [unit for unit in units if unit.name not in tokens]
-    damaged = [token for token in tokens.values() if token.state == "failed"]
-    listener.stage(stage, len(units), len(tokens) - len(damaged))
-    for token in damaged:
+    faulty = [token for token in tokens.values() if token.state == "failed"]
+    listener.stage(stage, len(units), len(tokens) - len(faulty))
+    for token in faulty:
         listener.end(token)
+    for token in there.values():
+        if token.state == "damaged":
+            aside = put_aside(token.path)
+            listener.say(f"{token.unit}: {token.message} It is kept as {aside.name}.")
     workers = min(jobs, len(todo))
+    if not dask or dask == LOCAL:  # of other machines nothing is known here
+        check_memory(context, todo, workers)
     if dask and todo:
         at_work = on_cluster(context, todo, listener, dask, jobs)
-    elif workers > 1:
-        at_work = in_processes(context, todo, listener, workers)
+    elif workers > 1 or (todo and time_limit is not None):
+        at_work = in_processes(context, todo, listener, workers, time_limit)
     else:
         at_work = _here(context, todo, listener)
     # Closed at once when the run is interrupted: worker processes end with it.

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, Protocol
 
-from noiseid_cli.errors import NoiseidError
+from noiseid_cli.errors import DamagedError, NoiseidError
 from noiseid_cli.pipeline.context import Context
 from noiseid_cli.pipeline.unit import DatasetUnit, EstimateUnit
 from noiseid_cli.pipeline.wording import counted
 
 Unit = DatasetUnit | EstimateUnit
-State = Literal["made", "there", "to do", "failed"]
+State = Literal["made", "there", "to do", "failed", "damaged"]
 
 
 @dataclass(frozen=True)
@@ -23,8 +23,9 @@ class Token:
     Attributes:
         unit: its name.
         path: its file.
-        state: ``made`` now, ``there`` already, still ``to do``, or ``failed`` without a usable file.
-        message: for ``failed``, why; else a short result.
+        state: ``made`` now, ``there`` already, still ``to do``, or ``failed`` without a usable file; ``damaged``: what
+            is there is not what was written, and gives way to a new one.
+        message: for ``failed`` and ``damaged``, why; else a short result.
         status: of an estimate, see ``estimators.estimate.Status``; empty for a dataset.
         seconds: wall-clock time.
         tries: how often it was tried in this run.
@@ -64,13 +65,17 @@ class Listener(Protocol):
 
 
 def found(unit: Unit) -> Token:
-    """Token of a unit that is there; its status is read from its file."""
+    """Token of a unit that is there, after its file was checked; the status of an estimate is read from it."""
+    from noiseid_cli.storage.hdf5 import read_format
     from noiseid_cli.storage.result_file import read_result_attributes
 
-    if isinstance(unit, DatasetUnit):
-        return Token(unit.name, unit.path, "there")
     try:
+        if isinstance(unit, DatasetUnit):
+            read_format(unit.path)
+            return Token(unit.name, unit.path, "there")
         status = read_result_attributes(unit.path)["status"]
+    except DamagedError as error:
+        return Token(unit.name, unit.path, "damaged", str(error))
     except NoiseidError as error:
         return Token(unit.name, unit.path, "failed", str(error))
     return Token(unit.name, unit.path, "there", status, status)

@@ -2,18 +2,21 @@
 
 A worker that dies (for want of memory, say) puts off its unit only; a unit at which three workers died is given up. An
 interrupt is the parent's affair: workers never see Ctrl-C, and are ended by the parent at once. If the parent itself is
-killed, they notice at their next word.
+killed, they notice at their next word. A worker that is at one unit for longer than the time limit is ended with it.
+
+Where the kernels are not compiled yet, the first worker goes ahead, so that not every one of them compiles.
 """
 
 from __future__ import annotations
 
 import multiprocessing
 import signal
+import time
 import traceback
 from collections import Counter, deque
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from multiprocessing import connection, resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
@@ -22,6 +25,7 @@ from typing import Any
 
 from noiseid_cli.errors import DataError, NoiseidError
 from noiseid_cli.pipeline.context import Context, Say, open_experiment
+from noiseid_cli.pipeline.kernels import Compiled
 from noiseid_cli.pipeline.making import Listener, Token, Unit, make
 
 TRIES = 3
@@ -31,6 +35,11 @@ _DIED = (
     "its worker process died {} times, the last time with exit code {} (killed for want of memory?): "
     "run the same command again, with fewer --jobs if memory is short"
 )
+
+
+_LATE = "it was ended after {:g} s, the limit of --unit-timeout: find out why it hangs or takes so long, or allow more"
+_AHEAD = 120.0
+"""s that the first worker may go ahead at most, where kernels are to be compiled."""
 
 
 class WorkerError(Exception):
@@ -118,9 +127,12 @@ class _Worker:
     process: BaseProcess
     pipe: Connection
     unit: Unit
+    since: float = field(default_factory=time.monotonic)
 
 
-def in_processes(context: Context, units: Sequence[Unit], listener: Listener, workers: int) -> Generator[Token]:
+def in_processes(
+    context: Context, units: Sequence[Unit], listener: Listener, workers: int, time_limit: float | None = None
+) -> Generator[Token]:
     """Make units in worker processes; tokens come in the order in which the units end.
 
     Closing this generator ends the workers at once.
@@ -130,43 +142,64 @@ def in_processes(context: Context, units: Sequence[Unit], listener: Listener, wo
         units: what to make.
         listener: is told what goes on.
         workers: number of processes.
+        time_limit: longest time from the hand-over of a unit to its end, s; None: no limit.
 
     Raises:
         WorkerError: a bug showed in a worker.
     """
-    recipe = recipe_of(context)
+    recipe, compiled = recipe_of(context), Compiled(context, units)
     waiting = deque(units)
     deaths: Counter[str] = Counter()
     crew: list[_Worker] = []
+    alone_until = 0.0 if compiled.known or workers == 1 else time.monotonic() + _AHEAD
     try:
-        while waiting and len(crew) < workers:
-            crew.append(_hire(recipe, waiting.popleft()))
-        while crew:
-            ready: list[Any] = connection.wait([worker.pipe for worker in crew])
-            for worker in [w for w in crew if w.pipe in ready]:
-                token = _hear(worker, listener)
-                dead = worker.pipe.closed
-                if dead:
-                    deaths[worker.unit.name] += 1
-                    token = _bury(worker, deaths[worker.unit.name])
+        while waiting or crew:
+            room = 1 if time.monotonic() < alone_until else workers
+            while waiting and len(crew) < room:
+                crew.append(_hire(recipe, waiting.popleft()))
+            due = [alone_until] if room < workers else []
+            due += [worker.since + time_limit for worker in crew] if time_limit is not None else []
+            patience = max(0.0, min(due) - time.monotonic()) if due else None
+            ready: list[Any] = connection.wait([worker.pipe for worker in crew], patience)
+            for worker in list(crew):
+                token = None
+                if worker.pipe in ready:
+                    token = _hear(worker, listener)
+                elif time_limit is not None and time.monotonic() >= worker.since + time_limit:
+                    token = _end_late(worker, time_limit)
+                if worker.pipe.closed:
+                    crew.remove(worker)
+                    if token is None:
+                        deaths[worker.unit.name] += 1
+                        token = _bury(worker, deaths[worker.unit.name])
                     if token is None:
                         listener.say(f"{worker.unit.name}: its worker process died; it is tried again.")
                         waiting.append(worker.unit)
-                elif token is None:
+                if token is None:
                     continue
-                if token is not None:
-                    yield token
-                if waiting and not dead:
+                if token.state == "made":
+                    compiled.note()
+                    alone_until = 0.0
+                yield token
+                if worker.pipe.closed:
+                    continue
+                if waiting:
                     _hand_over(worker, waiting.popleft())
-                    continue
-                crew.remove(worker)
-                if dead and waiting:
-                    crew.append(_hire(recipe, waiting.popleft()))
-                elif not dead:
+                else:
+                    crew.remove(worker)
                     _dismiss(worker)
     finally:
         for worker in crew:
             _dismiss(worker)
+
+
+def _end_late(worker: _Worker, time_limit: float) -> Token:
+    """End a worker whose unit takes too long; the unit has failed, and trying it again would take as long."""
+    worker.process.kill()  # it may be deaf to anything less
+    worker.process.join()
+    worker.pipe.close()
+    unit = worker.unit
+    return Token(unit.name, unit.path, "failed", _LATE.format(time_limit), seconds=time_limit)
 
 
 def _hear(worker: _Worker, listener: Listener) -> Token | None:
@@ -209,7 +242,7 @@ def _hire(recipe: Recipe, unit: Unit) -> _Worker:
 
 
 def _hand_over(worker: _Worker, unit: Unit) -> None:
-    worker.unit = unit
+    worker.unit, worker.since = unit, time.monotonic()
     # A worker that has just died is found out when it is listened to.
     with suppress(BrokenPipeError, ConnectionResetError):
         worker.pipe.send(unit)

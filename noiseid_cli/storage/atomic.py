@@ -89,6 +89,23 @@ def _sync_folder(folder: Path) -> None:
         os.close(handle)
 
 
+def put_aside(path: Path) -> Path:
+    """Give a damaged file another name beside its own, ``x.h5.damaged``, so that nothing is lost and its place is free.
+
+    Raises:
+        DataError: the operating system refused.
+    """
+    for number in itertools.count(1):
+        aside = path.with_name(f"{path.name}.damaged" + (f"-{number}" if number > 1 else ""))
+        if not aside.exists():
+            break
+    try:
+        path.rename(aside)
+    except OSError as error:
+        raise DataError(f"{path} is damaged and could not be put aside: {error.strerror}: move it away.") from error
+    return aside
+
+
 def _machine() -> str:
     """A short name for this machine that suits a file name."""
     return hashlib.sha256(platform.node().encode()).hexdigest()[:8]

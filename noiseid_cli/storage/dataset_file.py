@@ -91,6 +91,17 @@ def read_attributes(path: Path) -> dict[str, str]:
         return hdf5.text_attributes(file)
 
 
+def read_size(path: Path) -> tuple[int, int, int, int]:
+    """Samples of the longest test, number of tests, of inputs and of outputs, without reading the numbers.
+
+    Raises:
+        DataError: as for ``read_dataset``.
+    """
+    with hdf5.opened(path, FORMAT, VERSION, MIGRATIONS) as file:
+        tests, samples = file["time"].shape
+        return int(samples), int(tests), len(columns_of(file, "input")), len(columns_of(file, "output"))
+
+
 def _check(dataset: Dataset) -> None:
     """Refuse a dataset that could not be read back as it is."""
     where = f"The dataset '{dataset.name}' cannot be written: "

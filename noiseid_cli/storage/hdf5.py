@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from noiseid_cli.errors import DataError
+from noiseid_cli.errors import DamagedError, DataError
 
 if TYPE_CHECKING:
     import h5py
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 MAGIC = b"\x89HDF\r\n\x1a\n"
 _SEAL = "\nnoiseid sha256 {} of {:020d} bytes\n"
 _SEAL_SIZE = len(_SEAL.format("0" * 64, 0))
-_AGAIN = "Move it away and run the command that made it again; only this file will be made anew"
+_AGAIN = "The command that made it puts it aside and makes it anew, and no other file"
 # Deflate cannot shrink more than 1032 times: a file that declares more than this was not written by noiseid.
 _MAX_RATIO = 1032
 
@@ -77,7 +77,7 @@ def opened(path: Path, file_format: str, version: int, migrations: Mapping[int, 
             _refuse_foreign_data(path, file, len(image))
             yield file
     except (OSError, KeyError, RuntimeError, ValueError, TypeError, UnicodeDecodeError) as error:
-        raise DataError(
+        raise DamagedError(
             f"{path} carries noiseid's checksum, but its content is not that of a {file_format} file "
             f"({type(error).__name__}: {error}). It was not written by noiseid. {_AGAIN}."
         ) from error
@@ -99,11 +99,11 @@ def _verified(path: Path, file_format: str) -> bytes:
     """The HDF5 image in ``path``, after its checksum has been found right."""
     data = _bytes_of(path, file_format)
     if not data:
-        raise DataError(
+        raise DamagedError(
             f"{path} is empty; expected a {file_format} file. The disk may have been full when it was copied. {_AGAIN}."
         )
     if not data.startswith(MAGIC):
-        raise DataError(
+        raise DamagedError(
             f"{path} is not an HDF5 file: it begins with {data[:8]!r}; expected a {file_format} file. "
             "Check the name; a log file of your own is read by `noiseid import`."
         )
@@ -112,14 +112,14 @@ def _verified(path: Path, file_format: str) -> bytes:
         return image
     words = seal.split()
     if words[:2] != [b"noiseid", b"sha256"] or not seal.endswith(b" bytes\n"):
-        raise DataError(
+        raise DamagedError(
             f"{path} ({len(data)} bytes) does not end in noiseid's checksum: it was cut short, or another "
             f"program wrote it; expected a {file_format} file. {_AGAIN}. "
             "An HDF5 file of your own is read by `noiseid import`."
         )
     expected = words[2].decode("ascii", "replace")
     found = hashlib.sha256(image).hexdigest()
-    raise DataError(
+    raise DamagedError(
         f"{path} is damaged: its SHA-256 should be {expected[:16]}... and is {found[:16]}... "
         f"({len(image)} bytes). {_AGAIN}."
     )
@@ -164,14 +164,14 @@ def _refuse_foreign_data(path: Path, file: h5py.File, size: int) -> None:
     def check(group: h5py.Group) -> None:
         for name in group:
             if not isinstance(group.get(name, getlink=True), h5py.HardLink):
-                raise DataError(f"{path}: {name} is a link, and noiseid writes none. {_AGAIN}.")
+                raise DamagedError(f"{path}: {name} is a link, and noiseid writes none. {_AGAIN}.")
             item = group[name]
             if isinstance(item, h5py.Group):
                 check(item)
             elif item.external or item.is_virtual:
-                raise DataError(f"{path}: {name} keeps its data in another file. {_AGAIN}.")
+                raise DamagedError(f"{path}: {name} keeps its data in another file. {_AGAIN}.")
             elif item.nbytes > _MAX_RATIO * size:
-                raise DataError(f"{path}: {name} declares {item.nbytes} bytes, more than it can hold. {_AGAIN}.")
+                raise DamagedError(f"{path}: {name} declares {item.nbytes} bytes, more than it can hold. {_AGAIN}.")
 
     check(file)
 

@@ -236,14 +236,16 @@ def test_what_a_killed_writer_left_is_swept_away(small):
     assert other.exists()
 
 
-def test_a_damaged_result_is_named_and_does_not_lose_the_others(small):
+def test_a_damaged_result_is_named_put_aside_and_made_anew(small):
     noiseid("run")
     first, second = results(small)
+    before, other = arrays_of(first), second.stat().st_mtime_ns
     first.write_bytes(first.read_bytes()[:-100])
     result = noiseid("run")
-    assert result.exit_code == 4
-    assert "replicate-000/em/start-0 failed: runs/small/results/" in result.stderr
+    assert result.exit_code == 0
+    assert "replicate-000/em/start-0: runs/small/results/" in result.stderr
     assert "does not end in noiseid's checksum" in result.stderr
-    first.unlink()
-    assert noiseid("run").exit_code == 0
-    assert second.exists()
+    assert f"It is kept as {first.name}.damaged." in result.stderr
+    assert results(small) == [first, second]
+    assert arrays_of(first) == before
+    assert second.stat().st_mtime_ns == other

@@ -67,9 +67,6 @@ SIMULATED = [
     ("simulate.process_noise.std=[1, 2]", "simulate.process_noise.std", "but the model has 4 process noises"),
     ("simulate.measurement_noise={full: [[1]]}", "simulate.measurement_noise.full", "4 outputs: qm1, qm2, as, an"),
     ("simulate.initial_state=[1]", "simulate.initial_state", "1 number, but the model has 8 states"),
-    ("simulate.samples=1e12", "simulate.samples", "need 5.96e+04 GiB; at most 1 GiB"),
-    ("simulate.samples=16777217", "simulate.samples", "need 1 GiB"),
-    ("simulate.tests=1e8", "simulate.samples", "x 100000000 tests"),
     ("simulate.sample_time=1", "simulate.trajectory.side_time", "0.5 s must be at least the sample time, 1 s"),
     ("simulate.trajectory={kind: steps, amplitude: [1], hold: 1}", "simulate.trajectory.amplitude", "2 inputs: u1, u2"),
     ("simulate.trajectory={kind: steps, amplitude: [1, 1], hold: 1e-4}", "simulate.trajectory.hold", "sample time"),
@@ -126,14 +123,6 @@ def test_the_sample_time_does_not_change_during_a_test():
     (problem,) = simulated("simulate.parameter_changes=[{at: 1, set: {Ts: 1}}]", model=SAMPLED)
     assert problem.path == "simulate.parameter_changes.0.set.Ts"
     assert "cannot change during a test" in problem.message
-
-
-def test_changing_parameters_need_memory():
-    many = replace(ROBOT, parameters=tuple(f"p{i}" for i in range(16)))
-    change = "simulate.parameter_changes=[{at: 1, set: {p1: 1}}]"
-    assert simulated("simulate.samples=8388608", change, model=many) == []
-    (problem,) = simulated("simulate.samples=8388609", change, model=many)
-    assert "16 parameters need 1 GiB" in problem.message
 
 
 @pytest.mark.parametrize(("override", "path", "said"), SIMULATED)

@@ -2,15 +2,16 @@
 
 import importlib.util
 import sys
+import time
 from pathlib import Path
 
 import pytest
-from small_experiment import CONFIG, MODEL
+from small_experiment import CONFIG, MODEL, arrays_of
 
 from noiseid_cli.errors import DataError
 from noiseid_cli.pipeline.context import open_experiment
 from noiseid_cli.pipeline.engine import run_units
-from noiseid_cli.pipeline.kernels import SENTENCE, kernels_announced
+from noiseid_cli.pipeline.kernels import SENTENCE, Compiled, kernels_announced
 from noiseid_cli.pipeline.making import Token
 from noiseid_cli.pipeline.units import dataset_units, estimate_units
 from noiseid_cli.pipeline.wording import counted
@@ -128,6 +129,90 @@ def test_workers_that_cannot_begin_fail_their_units(small, code, message):
     assert [t.tries for t in tokens] == [TRIES if "died" in message else 1] * 3
     assert [read_failure(t.path).tries for t in tokens] == [t.tries for t in tokens]
     assert sorted(token.unit for (token,) in record.of("end")) == [t.unit for t in tokens]
+
+
+def test_a_unit_that_hangs_is_ended_and_the_others_go_on(small):
+    hang = "import noiseid_cli.pipeline.datasets as d, time\n    real = d.make_dataset\n"
+    hang += "    d.make_dataset = lambda c, u: time.sleep(600) if u.replicate == 1 else real(c, u)\n"
+    (small.parent / "cart.py").write_text(MODEL + IN_A_WORKER + hang)
+    context, record = opened(small, "simulate.replicates=3"), Record()
+    units = dataset_units(context)
+    began = time.monotonic()
+    tokens = run_units(context, "simulate", units, record, time_limit=12.0)  # one process is enough for a limit
+    assert [t.state for t in tokens] == ["made", "failed", "made"]
+    assert time.monotonic() - began < 120.0
+    assert "ended after 12 s, the limit of --unit-timeout" in tokens[1].message
+    assert tokens[1].tries == read_failure(units[1].path).tries == 1
+    assert "12 s" in read_failure(units[1].path).reason
+
+
+def test_a_time_limit_does_not_go_with_dask(small):
+    context = opened(small)
+    with pytest.raises(DataError, match="--unit-timeout is for processes of this machine"):
+        run_units(context, "simulate", dataset_units(context), Record(), dask="local", time_limit=1.0)
+
+
+def test_where_nothing_is_compiled_yet_the_first_worker_goes_ahead(small, tmp_path, monkeypatch):
+    """Only the first unit's process may run until it is made; then it is noted, and all start at once."""
+    monkeypatch.setenv("NOISEID_CACHE_DIR", str(tmp_path / "cache"))
+    context = opened(small, "simulate.replicates=3")
+    units, first, second = dataset_units(context), Record(), Record()
+    assert not Compiled(context, units).known
+    assert [t.state for t in run_units(context, "simulate", units, first, jobs=2)] == ["made"] * 3
+    told = [name for name, *_ in first.told if name in ("begin", "end")]
+    assert told[:2] == ["begin", "end"]
+    assert Compiled(context, units).known
+    assert not Compiled(opened(small, "model.parameters={k: 1}"), units).known
+    run_units(context, "simulate", units, second, jobs=2, force=True)
+    assert second.of("begin")[0] != second.of("begin")[1]
+
+
+def test_a_damaged_file_is_put_aside_and_made_anew(small):
+    context, record = opened(small), Record()
+    (unit,) = units = dataset_units(context)
+    run_units(context, "simulate", units, record)
+    whole = unit.path.read_bytes()
+    aside = unit.path.with_name(f"{unit.path.name}.damaged")
+    for damaged, name in ((whole[:-1], aside), (b"", aside.with_name(f"{aside.name}-2"))):
+        unit.path.write_bytes(damaged)
+        (token,) = run_units(context, "simulate", units, record)
+        assert token.state == "made"
+        assert name.read_bytes() == damaged
+        assert record.of("say")[-1][0].endswith(f"It is kept as {name.name}.")
+        assert arrays_of(unit.path)["y"] == arrays_of(aside.with_name(unit.path.name))["y"]
+        assert [t.state for t in run_units(context, "simulate", units, record)] == ["there"]
+
+
+def test_a_damaged_file_that_cannot_be_moved_is_told(small, monkeypatch):
+    from noiseid_cli.storage import atomic
+
+    context = opened(small)
+    (unit,) = units = dataset_units(context)
+    run_units(context, "simulate", units, Record())
+    unit.path.write_bytes(b"")
+
+    def refused(*_):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(atomic.Path, "rename", refused)
+    with pytest.raises(DataError, match="could not be put aside: Permission denied"):
+        run_units(context, "simulate", units, Record())
+    assert unit.path.exists()
+
+
+def test_a_file_of_a_newer_noiseid_is_not_moved(small, monkeypatch):
+    from noiseid_cli.storage import result_file
+
+    context = opened(small)
+    run_units(context, "simulate", dataset_units(context), Record())
+    units = estimate_units(context)[:1]
+    with monkeypatch.context() as newer:
+        newer.setattr(result_file, "VERSION", 999)
+        run_units(context, "estimate", units, Record())
+    (token,) = run_units(context, "estimate", units, Record())
+    assert token.state == "failed"
+    assert "999" in token.message
+    assert units[0].path.exists()
 
 
 def test_a_bug_in_a_worker_is_reported_with_its_traceback(small):
