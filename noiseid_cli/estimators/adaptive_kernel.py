@@ -5,17 +5,16 @@ the theta of the sample before; correction; gate; theta. The first sample has no
 before the correction. Unknowns theta are variances of Q first, then parameters of the model.
 """
 
-# ruff: noqa: N815 - fields carry the paper's letters
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 from numba import types
 
+from noiseid_cli.estimators.adaptive_workspace import HANDLE
 from noiseid_cli.estimators.excitation import excitation
 from noiseid_cli.estimators.rpem import adapt
-from noiseid_cli.filters.ekf import NOT_FINITE, OK, SINGULAR_INNOVATION, cube
+from noiseid_cli.filters.ekf import NOT_FINITE, OK, SINGULAR_INNOVATION
 from noiseid_cli.filters.factors import factor_derivative
 from noiseid_cli.filters.sigma_points import draw, weighted_mean
 from noiseid_cli.filters.sigma_sensitivity import condition_derivative, draw_derivative, half_moment
@@ -27,95 +26,16 @@ from noiseid_cli.filters.sigma_steps import (
     spread,
 )
 from noiseid_cli.models.discretisation import DENSITY, transition
+from noiseid_cli.models.handle import borrowed
 from noiseid_cli.models.jit import kernel, routine
-from noiseid_cli.models.recording import Array
-from noiseid_cli.models.signatures import DriftJacobian, OutputJacobian, matrix, vector
-
-
-class Workspace(NamedTuple):
-    """All that the filter keeps from sample to sample, and its scratch.
-
-    n states, nv noises, ny outputs, p unknowns, of which the last nz - n are parameters. Kept: x, U,
-    their derivatives dx (p, n), dU (p, n, n), dP; theta, the factors UT of Theta and UD of Delta; the open-loop
-    sensitivity (p, n); the monitor's deques, a posteriori first and open-loop second; counts.
-    """
-
-    x: Array
-    U: Array
-    dx: Array
-    dU: Array
-    dP: Array
-    theta: Array
-    UT: Array
-    UD: Array
-    open_loop: Array
-    gate: Array  # (p,) 1 open, 0 closed
-    excited: Array  # (p,) what the gate decided on
-    excited_open: Array
-    peaks: Array  # (2, p, n, c)
-    peak_steps: Array
-    peak_ends: Array  # (2, p, n, 2)
-    counts: Array  # samples, corrections stacked, then (p,) projections
-    UQ: Array
-    x_new: Array
-    U_new: Array
-    X: Array
-    dX: Array
-    X_next: Array
-    dX_next: Array
-    Y: Array
-    dY: Array
-    y_hat: Array
-    dy: Array  # (p, ny)
-    psi: Array  # (ny, p)
-    e: Array
-    UR_seen: Array
-    observed: Array
-    Uyy: Array
-    Pxy: Array
-    K: Array
-    dK: Array
-    z: Array
-    z_next: Array
-    F: Array
-    Gz: Array
-    H: Array
-    G: Array
-    dG: Array
-    noise: Array
-    QG: Array
-    T: Array
-    A: Array
-    gain_z: Array
-    gain_next: Array
-    gain_F: Array
-    gain_G: Array
-    rpem_A: Array
-    rpem_L: Array
-    rpem_S: Array
-    W: Array
-    w: Array
-    d: Array
-    work: Array
-    gain_work: Array
-
-
-_KINDS = {
-    vector: "x theta gate excited excited_open x_new y_hat e z z_next gain_z gain_next w d work gain_work",
-    cube: "dU dP dX dX_next dY dK",
-    types.int64[::1]: "counts observed",
-    types.float64[:, :, :, ::1]: "peaks",
-    types.int64[:, :, :, ::1]: "peak_steps peak_ends",
-}
-_KIND = {name: kind for kind, names in _KINDS.items() for name in names.split()}  # all others are matrices
-_WORKSPACE = types.NamedTuple(tuple(_KIND.get(name, matrix) for name in Workspace._fields), Workspace)
+from noiseid_cli.models.signatures import matrix, vector
 
 
 @routine
-def _predict(scheme, drift_jacobian, gain_varies, gain_jacobian, p, weights, free, s, u, dt):  # type: ignore[no-untyped-def]
+def _predict(scheme, drift_jacobian, gain_varies, gain_jacobian, s, u, dt):  # type: ignore[no-untyped-def]
     """Time update of mean, factor and sensitivities (Table 1); returns a code."""
-    n, nv, unknowns, nq = s.x.shape[0], s.UQ.shape[0], s.theta.shape[0], free.shape[0]
-    eta, outer, cov0 = weights[0], weights[1], weights[2]
+    n, nv, unknowns, nq = s.x.shape[0], s.UQ.shape[0], s.theta.shape[0], s.free.shape[0]
+    eta, outer, cov0, p, free = s.weights[0], s.weights[1], s.weights[2], s.p, s.free
     for i in range(nq):
         s.UQ[free[i], free[i]] = math.sqrt(s.theta[i])
     for i in range(nq, unknowns):
@@ -207,10 +127,10 @@ def _regular(U):  # type: ignore[no-untyped-def]
 
 
 @routine
-def _correct(output_jacobian, p, weights, UR, nq, s, u, y):  # type: ignore[no-untyped-def]
+def _correct(output_jacobian, s, u, y):  # type: ignore[no-untyped-def]
     """Correction of mean, factor and sensitivities (Table 2, to (d)); s.psi. Returns (code, loglik, observed)."""
-    n, ny, unknowns = s.x.shape[0], y.shape[0], s.theta.shape[0]
-    eta, outer, cov0 = weights[0], weights[1], weights[2]
+    n, ny, unknowns, nq = s.x.shape[0], y.shape[0], s.theta.shape[0], s.free.shape[0]
+    eta, outer, cov0 = s.weights[0], s.weights[1], s.weights[2]
     for i in range(nq, unknowns):
         s.z[n + i - nq] = s.theta[i]
     draw(s.x, s.U, eta, s.X)
@@ -218,14 +138,14 @@ def _correct(output_jacobian, p, weights, UR, nq, s, u, y):  # type: ignore[no-u
         draw_derivative(s.dx[j], s.dU[j], eta, s.dX[j])
     for i in range(2 * n + 1):
         s.z[:n] = s.X[i]
-        output_jacobian(s.z, u, p, s.Y[i], s.H)
+        output_jacobian(s.z, u, s.p, s.Y[i], s.H)
         for j in range(unknowns):
             for b in range(ny):
                 total = s.H[b, n + j - nq] if j >= nq else 0.0
                 for c in range(n):
                     total += s.H[b, c] * s.dX[j, i, c]
                 s.dY[j, i, b] = total
-    q = keep_observed(y, s.Y, UR, s.observed, s.UR_seen)
+    q = keep_observed(y, s.Y, s.UR, s.observed, s.UR_seen)
     weighted_mean(s.Y, outer, s.y_hat)
     for b in range(q):
         s.e[b] = y[s.observed[b]] - s.y_hat[b]
@@ -255,16 +175,16 @@ def _correct(output_jacobian, p, weights, UR, nq, s, u, y):  # type: ignore[no-u
 
 
 @routine
-def _gate_and_adapt(forgetting, nq, lower, upper, thresholds, window, s, q):  # type: ignore[no-untyped-def]
+def _gate_and_adapt(window, s, q):  # type: ignore[no-untyped-def]
     """Excitation, gate (eq. 9), theta (eq. 7), projections; returns a code."""
-    unknowns = s.theta.shape[0]
+    unknowns, nq, lower, upper = s.theta.shape[0], s.free.shape[0], s.lower, s.upper
     excitation(s.dx, s.counts[0], window, s.peaks[0], s.peak_steps[0], s.peak_ends[0], s.excited)
     excitation(s.open_loop, s.counts[0], window, s.peaks[1], s.peak_steps[1], s.peak_ends[1], s.excited_open)
     s.counts[0] += 1
     for j in range(unknowns):
-        s.gate[j] = 1.0 if j < nq or s.excited[j] > thresholds[j] else 0.0
+        s.gate[j] = 1.0 if j < nq or s.excited[j] > s.thresholds[j] else 0.0
     if q > 0 and not adapt(
-        s.theta, s.UT, s.UD, s.psi, s.e, s.observed, q, forgetting, s.gate, s.rpem_A, s.rpem_L, s.rpem_S, s.W, s.w
+        s.theta, s.UT, s.UD, s.psi, s.e, s.observed, q, s.weights[3], s.gate, s.rpem_A, s.rpem_L, s.rpem_S, s.W, s.w
     ):
         return SINGULAR_INNOVATION
     for j in range(unknowns):
@@ -293,29 +213,16 @@ def _write(s, x, x_std, theta, theta_std, excited, excited_open, gate):  # type:
 
 @kernel(
     types.Tuple((types.int64, types.int64, types.float64))(
-        types.int64, DriftJacobian, types.boolean, DriftJacobian, OutputJacobian, vector, vector, matrix,
-        types.int64[::1], vector, vector, vector, types.int64, _WORKSPACE, types.boolean, vector,
-        vector, matrix, matrix, types.int64, matrix, matrix, matrix, matrix, matrix, matrix, matrix,
+        HANDLE, types.boolean, vector, matrix, matrix, types.int64,
+        matrix, matrix, matrix, matrix, matrix, matrix, matrix,
     ),
 )  # fmt: skip
-def run(  # type: ignore[no-untyped-def]
-    scheme, drift_jacobian, gain_varies, gain_jacobian, output_jacobian, p, weights, UR,
-    free, lower, upper, thresholds, window, s, first, u_before,
-    dt, u, y, stride, x, x_std, theta, theta_std, excited, excited_open, gate,
-):  # fmt: skip
+def run(handle, first, dt, u, y, stride, x, x_std, theta, theta_std, excited, excited_open, gate):  # type: ignore[no-untyped-def]
     """Take in the samples of y; nothing is allocated.
 
     Args:
-        scheme, drift_jacobian, output_jacobian, p: the stacked model's, see ``models.stacked``.
-        gain_varies, gain_jacobian: whether F2 depends on x or theta, and the model with gains as states.
-        weights: eta, outer, cov0, forgetting.
-        UR: (ny, ny) factor of R.
-        free: index of each free variance of Q.
-        lower, upper, thresholds: (p,).
-        window: see ``excitation``.
-        s: the workspace.
+        handle: see ``adaptive_workspace.prepare``.
         first: the first sample of y is the first of its test.
-        u_before: (nu,) input before the first sample.
         dt: (N,) interval before each sample; u: (N, nu); y: (N, ny), NaN where missing.
         stride: rows of the series are written at samples 0, stride, 2 stride, ...
         x, x_std, theta, theta_std, excited, excited_open, gate: series, written.
@@ -323,22 +230,23 @@ def run(  # type: ignore[no-untyped-def]
     Returns:
         (code, samples taken in, log-likelihood of the innovations).
     """
-    loglik, nq = 0.0, free.shape[0]
+    scheme, gain_varies, window = handle.scheme, handle.gain_varies, handle.window
+    drift_jacobian, gain_jacobian = handle.drift_jacobian, handle.gain_jacobian
+    output_jacobian, s = handle.output_jacobian, borrowed(handle.workspace)
+    loglik = 0.0
     for k in range(y.shape[0]):
         if not (first and k == 0):
-            before = u_before if k == 0 else u[k - 1]
-            code = _predict(
-                scheme, drift_jacobian, gain_varies, gain_jacobian, p, weights, free, s, before, dt[k]
-            )  # fmt: skip
+            code = _predict(scheme, drift_jacobian, gain_varies, gain_jacobian, s, s.u_before, dt[k])
             if code != OK:
                 return code, k, loglik
-        code, gain, q = _correct(output_jacobian, p, weights, UR, nq, s, u[k], y[k])
+        code, gain, q = _correct(output_jacobian, s, u[k], y[k])
         if code != OK:
             return code, k, loglik
         loglik += gain
-        code = _gate_and_adapt(weights[3], nq, lower, upper, thresholds, window, s, q)
+        code = _gate_and_adapt(window, s, q)
         if code != OK:
             return code, k, loglik
+        s.u_before[:] = u[k]
         if k % stride == 0:
             i = k // stride
             _write(s, x[i], x_std[i], theta[i], theta_std[i], excited[i], excited_open[i], gate[i])

@@ -9,19 +9,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
 from noiseid_cli.errors import EstimationError
-from noiseid_cli.estimators.adaptive_kernel import Workspace, run
+from noiseid_cli.estimators.adaptive_kernel import run
+from noiseid_cli.estimators.adaptive_workspace import new_workspace, prepare
 from noiseid_cli.estimators.unknowns import ParameterUnknowns, Unknowns
 from noiseid_cli.filters.ekf import OK, FilterDivergedError
 from noiseid_cli.filters.linalg import upper_factor
 from noiseid_cli.filters.sigma_points import unscented
+from noiseid_cli.filters.srukf import check_sample
 from noiseid_cli.models.compile import compile_model
 from noiseid_cli.models.compiled import CompiledModel
-from noiseid_cli.models.discretisation import workspace
 from noiseid_cli.models.equations import Model
 from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.models.recording import Array
@@ -55,8 +56,7 @@ class AdaptiveOptions:
     variance_floor: float = 1e-6
 
 
-@dataclass(frozen=True)
-class AdaptiveSample:
+class AdaptiveSample(NamedTuple):
     """What one sample leaves behind.
 
     Attributes:
@@ -113,32 +113,47 @@ class AdaptiveFilter:
         self.free = free_variances(unknowns)
         self.names = (*(compiled.noises[i] for i in self.free), *parameters.names)
         _check(self.names, parameters, options)
-        stacked = compile_model(stack_parameters(model, parameters.names))
-        gains = stack_gains(model, parameters.names)
-        self._stacked, self._gains = stacked, None if gains is None else compile_model(gains)
-        self._scheme = compiled.scheme
-        self._nx = compiled.nx
+        self._stacked = compile_model(stack_parameters(model, parameters.names))
+        self._nx, self._ny, self._nu = compiled.nx, compiled.ny, compiled.nu
         self._start = start
-        self._free = np.array(self.free, dtype=np.int64)
-        self._UR = upper_factor(start.R, "the measurement noise covariance R")
-        w = unscented(compiled.nx, options.alpha, options.beta, options.kappa)
-        self._weights = np.array([w.eta, w.outer, w.cov0, options.forgetting])
-        variances = np.diag(start.Q)[self._free]
-        self._lower = np.concatenate((options.variance_floor * variances, parameters.lower))
-        self._upper = np.concatenate((np.full(len(self.free), np.inf), parameters.upper))
-        thresholds = dict.fromkeys(self.names, DEFAULT_THRESHOLD) | dict(options.thresholds)
-        self._thresholds = np.array([thresholds[n] if options.monitor else -1.0 for n in self.names])
-        self._window = options.window
         window = options.window if longest is None else min(options.window, longest)
-        self._s = _workspace(stacked, self._gains, compiled.nx, len(self.names), window)
-        s = self._s
-        s.theta[:] = np.concatenate((variances, parameters.start))
-        s.UT[:] = np.diag(np.sqrt([options.parameter_covariance[name] for name in self.names]))
-        s.UD[:] = self._UR
-        s.UQ[:] = upper_factor(start.Q, "the process noise covariance Q")
-        self._u = np.zeros((1, compiled.nu))
+        gains = stack_gains(model, parameters.names)
+        self._gains = self._stacked if gains is None else compile_model(gains)
+        self._s = new_workspace(
+            self._stacked, None if gains is None else self._gains, compiled.nx, len(self.names), len(self.free), window
+        )
+        self._fill(parameters, options)
+        self._handle = prepare(
+            compiled.scheme, self._stacked.drift_jacobian, gains is not None, self._gains.drift_jacobian,
+            self._stacked.output_jacobian, options.window, self._s,
+        )  # fmt: skip
+        self._one = tuple(np.zeros((1, k)) for k in self._widths)
+        self._y, self._u, self._dt = np.zeros((1, self._ny)), np.zeros((1, self._nu)), np.zeros(1)
         self.loglik = 0.0
         self.restart()
+
+    def _fill(self, parameters: ParameterUnknowns, options: AdaptiveOptions) -> None:
+        """Write what the options say, and the start of what is estimated, into the workspace."""
+        s, start = self._s, self._start
+        w = unscented(self._nx, options.alpha, options.beta, options.kappa)
+        s.p[:] = self._stacked.parameters
+        s.weights[:] = w.eta, w.outer, w.cov0, options.forgetting
+        s.free[:] = self.free
+        variances = np.diag(start.Q)[s.free]
+        s.theta[:] = np.concatenate((variances, parameters.start))
+        s.lower[:] = np.concatenate((options.variance_floor * variances, parameters.lower))
+        s.upper[:] = np.concatenate((np.full(len(variances), np.inf), parameters.upper))
+        thresholds = dict.fromkeys(self.names, DEFAULT_THRESHOLD) | dict(options.thresholds)
+        s.thresholds[:] = [thresholds[n] if options.monitor else -1.0 for n in self.names]
+        s.UR[:] = upper_factor(start.R, "the measurement noise covariance R")
+        s.UQ[:] = upper_factor(start.Q, "the process noise covariance Q")
+        s.UT[:] = np.diag(np.sqrt([options.parameter_covariance[name] for name in self.names]))
+        s.UD[:] = s.UR
+
+    @property
+    def _widths(self) -> tuple[int, ...]:
+        """Length of each array of ``AdaptiveSample``."""
+        return (self._nx,) * 2 + (len(self.names),) * 5
 
     def restart(self, test: int = 0) -> None:
         """Begin a new test: the state is that of the prior; theta, Theta, Delta and the monitor go on.
@@ -184,11 +199,14 @@ class AdaptiveFilter:
         Raises:
             EstimationError: the filter failed; in words.
         """
-        Y = np.array(y, dtype=float).reshape(1, -1)
-        code, _, rows = self.take(Y, np.array(u, dtype=float).reshape(1, -1), np.array([dt]), 1)
+        check_sample(y, u, self._ny, self._nu)
+        self._y[0], self._u[0], self._dt[0] = y, u, dt
+        code, done, loglik = run(self._handle, self.samples == 0, self._dt, self._u, self._y, 1, *self._one)
+        self.samples += done
+        self.loglik += loglik
         if code != OK:
             raise EstimationError(f"sample {self.samples + 1}: {FilterDivergedError.words(code)}")
-        return AdaptiveSample(*(row[0] for row in rows))
+        return AdaptiveSample(*[row[0].copy() for row in self._one])
 
     def take(self, y: Array, u: Array, dt: Array, stride: int) -> tuple[int, int, tuple[Array, ...]]:
         """Take in a block of samples.
@@ -201,18 +219,11 @@ class AdaptiveFilter:
             A code of ``filters.ekf``, the number of samples taken in, and the arrays of ``AdaptiveSample`` with one
             row per returned sample; NaN in rows that a failure did not reach.
         """
-        rows, p = -(-len(y) // stride), len(self.names)
-        out = tuple(np.full((rows, k), np.nan) for k in (self._nx, self._nx, p, p, p, p, p))
-        gains = self._stacked if self._gains is None else self._gains
-        code, done, loglik = run(
-            self._scheme, self._stacked.drift_jacobian, self._gains is not None, gains.drift_jacobian,
-            self._stacked.output_jacobian, self._stacked.parameters, self._weights, self._UR, self._free, self._lower,
-            self._upper, self._thresholds, self._window, self._s, self.samples == 0, self._u[0],
-            dt, u, y, stride, *out,
-        )  # fmt: skip
+        rows = -(-len(y) // stride)
+        out = tuple(np.full((rows, k), np.nan) for k in self._widths)
+        code, done, loglik = run(self._handle, self.samples == 0, dt, u, y, stride, *out)
         self.samples += done
         self.loglik += loglik
-        self._u[0] = u[-1]
         return code, done, out
 
 
@@ -265,25 +276,3 @@ def _check(names: tuple[str, ...], parameters: ParameterUnknowns, options: Adapt
     if options.window < 0:
         raise EstimationError(f"window is {options.window}; it must be a number of samples, or 0 for all")
     named(options.thresholds, parameters.names, "thresholds", 0.0)
-
-
-def _workspace(stacked: CompiledModel, gains: CompiledModel | None, n: int, p: int, window: int) -> Workspace:
-    """Zeros of all shapes; see ``adaptive_kernel.Workspace``."""
-    nz, nv, ny = stacked.nx, stacked.nv, stacked.ny
-    points, wide, c, ng = 2 * n + 1, max(n, ny, p), max(window, 1), 1 if gains is None else gains.nx
-    shapes = {
-        "x": n, "U": (n, n), "dx": (p, n), "dU": (p, n, n), "dP": (p, n, n), "theta": p, "UT": (p, p), "UD": (ny, ny),
-        "open_loop": (p, n), "gate": p, "excited": p, "excited_open": p, "peaks": (2, p, n, c), "UQ": (nv, nv),
-        "x_new": n, "U_new": (n, n), "X": (points, n), "dX": (p, points, n), "X_next": (points, n),
-        "dX_next": (p, points, n), "Y": (points, ny), "dY": (p, points, ny), "y_hat": ny, "dy": (p, ny),
-        "psi": (ny, p), "e": ny, "UR_seen": (ny, ny), "Uyy": (ny, ny), "Pxy": (n, ny), "K": (n, ny),
-        "dK": (2, n, ny), "z": nz, "z_next": nz, "F": (nz, nz), "Gz": (nz, nv), "H": (ny, nz), "G": (n, nv),
-        "dG": (n, nv), "noise": (nv, n), "QG": (nv, n), "T": (max(n, ny), max(n, ny)), "A": (n, n), "gain_z": ng,
-        "gain_next": ng, "gain_F": (ng, ng), "gain_G": (ng, nv), "rpem_A": (p, ny), "rpem_L": (p, ny),
-        "rpem_S": (ny, ny), "W": (max(2 * n + max(ny, nv), p + ny), wide), "w": wide, "d": wide,
-    }  # fmt: skip
-    integers = {"peak_steps": (2, p, n, c), "peak_ends": (2, p, n, 2), "counts": 2 + p, "observed": ny}
-    arrays: dict[str, Any] = {name: np.zeros(shape) for name, shape in shapes.items()}
-    arrays |= {name: np.zeros(shape, dtype=np.int64) for name, shape in integers.items()}
-    arrays |= {"work": workspace(nz, nv), "gain_work": workspace(ng, nv)}
-    return Workspace(**arrays)

@@ -21,6 +21,7 @@ from noiseid_cli.filters.sigma_points import SigmaWeights, draw, weighted_mean
 from noiseid_cli.filters.sigma_steps import INDEFINITE_PREDICTION, condition, keep_observed, spread
 from noiseid_cli.models.compiled import CompiledModel
 from noiseid_cli.models.discretisation import DENSITY, EXACT, advance, transition, workspace
+from noiseid_cli.models.handle import borrowed, handle_type, new
 from noiseid_cli.models.jit import kernel, routine
 from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.models.recording import Array, Recording
@@ -28,8 +29,13 @@ from noiseid_cli.models.signatures import Drift, DriftJacobian, Output, matrix, 
 
 
 class _Filter(NamedTuple):
-    """State of the filter between samples, and its scratch; see ``_new_filter`` for the shapes."""
+    """What the filter reads, its state between samples, and its scratch; see ``_new_filter`` for the shapes."""
 
+    p: Array
+    weights: Array  # eta, outer, cov0
+    UQ: Array
+    UR: Array
+    u_before: Array  # (nu,) input before the next sample
     x: Array
     U: Array
     x_new: Array
@@ -58,10 +64,13 @@ class _Filter(NamedTuple):
 
 
 _FILTER = types.NamedTuple(
-    (vector, matrix, vector, matrix, matrix, matrix, matrix, vector, vector, matrix, matrix, matrix, matrix, matrix,
+    (vector, vector, matrix, matrix, vector,
+     vector, matrix, vector, matrix, matrix, matrix, matrix, vector, vector, matrix, matrix, matrix, matrix, matrix,
      matrix, matrix, matrix, vector, vector, vector, vector, vector, vector, types.int64[::1], types.int64[::1]),
     _Filter,
 )  # fmt: skip
+
+_HANDLE = handle_type(scheme=types.int64, drift=Drift, drift_jacobian=DriftJacobian, output=Output, state=_FILTER)
 
 
 @dataclass(frozen=True)
@@ -116,16 +125,19 @@ class SquareRootUnscentedFilter:
             EstimationError: a covariance is not symmetric positive semidefinite.
         """
         self._model = model
-        self._weights = np.array([weights.eta, weights.outer, weights.cov0])
-        self._UQ = upper_factor(noise.Q, "the process noise covariance Q")
-        self._UR = upper_factor(noise.R, "the measurement noise covariance R")
         own = np.zeros((0, model.nx)) if added is None else upper_factor(added, "the noise of the stacked states")
-        self._state = _new_filter(model, own)
-        self._state.x[:] = noise.m0[test]
-        self._state.U[:] = upper_factor(noise.P0, "the initial covariance P0")
+        self._state = s = _new_filter(model, own)
+        s.p[:] = model.parameters
+        s.weights[:] = weights.eta, weights.outer, weights.cov0
+        s.UQ[:] = upper_factor(noise.Q, "the process noise covariance Q")
+        s.UR[:] = upper_factor(noise.R, "the measurement noise covariance R")
+        s.x[:] = noise.m0[test]
+        s.U[:] = upper_factor(noise.P0, "the initial covariance P0")
         if bounds is not None:
             self._state.lower[:], self._state.upper[:] = bounds
-        self._u = np.zeros((1, model.nu))
+        self._handle = _prepare(model.scheme, model.drift, model.drift_jacobian, model.output, s)
+        self._y, self._u, self._dt = np.zeros((1, model.ny)), np.zeros((1, model.nu)), np.zeros(1)
+        self._one = self._rows(1)
         self.samples = 0
         self.loglik = 0.0
 
@@ -163,11 +175,20 @@ class SquareRootUnscentedFilter:
         Raises:
             EstimationError: the filter failed; in words.
         """
-        Y, V = np.array(y, dtype=float).reshape(1, -1), np.array(u, dtype=float).reshape(1, -1)
-        code, _, block = self.take(Y, V, np.array([dt]))
+        check_sample(y, u, self._model.ny, self._model.nu)
+        self._y[0], self._u[0], self._dt[0] = y, u, dt
+        code, done, loglik = _run(self._handle, self.samples == 0, self._dt, self._u, self._y, *self._one)
+        self.samples += done
+        self.loglik += loglik
         if code != OK:
             raise EstimationError(f"sample {self.samples + 1}: {FilterDivergedError.words(code)}")
-        return block.m_filt[0], np.sqrt(np.sum(block.U_filt[0] ** 2, axis=0))
+        U = self._state.U
+        return self._state.x.copy(), np.sqrt(np.einsum("ij,ij->j", U, U))
+
+    def _rows(self, N: int) -> tuple[Array, Array, Array, Array, Array]:
+        """Arrays for what N samples leave behind, in the order of ``SquareRootFiltered``."""
+        n, ny = self._model.nx, self._model.ny
+        return (np.empty((N, n)), np.empty((N, n, n)), np.empty((N, n)), np.empty((N, n, n)), np.empty((N, ny)))
 
     def take(self, y: Array, u: Array, dt: Array) -> tuple[int, int, SquareRootFiltered]:
         """Take in a block of samples.
@@ -179,17 +200,22 @@ class SquareRootUnscentedFilter:
             A code of ``filters.ekf``, the number of samples taken in, and what the filter gives for them; rows that a
             failure did not reach are not set.
         """
-        m, N, n = self._model, len(y), self._model.nx
-        out = (np.empty((N, n)), np.empty((N, n, n)), np.empty((N, n)), np.empty((N, n, n)), np.empty((N, m.ny)))
+        out = self._rows(len(y))
         before = self.restacked
-        code, done, loglik = _run(
-            m.scheme, m.drift, m.drift_jacobian, m.output, m.parameters, self._weights, self._UQ, self._UR,
-            self._state, self.samples == 0, self._u[0], dt, u, y, *out,
-        )  # fmt: skip
+        code, done, loglik = _run(self._handle, self.samples == 0, dt, u, y, *out)
         self.samples += done
         self.loglik += loglik
-        self._u[0] = u[-1]
         return code, done, SquareRootFiltered(*out, loglik, self.restacked - before)
+
+
+def check_sample(y: Array, u: Array, ny: int, nu: int) -> None:
+    """Refuse a sample of another length than the model's.
+
+    Raises:
+        EstimationError: with both lengths.
+    """
+    if np.size(y) != ny or np.size(u) != nu:
+        raise EstimationError(f"a sample has {np.size(y)} outputs, {np.size(u)} inputs; the model has {ny} and {nu}")
 
 
 def square_root_unscented_filter(
@@ -226,6 +252,7 @@ def _new_filter(model: CompiledModel, own: Array) -> _Filter:
     noise[nv:] = own
     e = np.empty
     return _Filter(
+        e(len(model.parameters)), e(3), e((nv, nv)), e((ny, ny)), np.zeros(model.nu),
         e(n), e((n, n)), e(n), e((n, n)), e((2 * n + 1, n)), e((2 * n + 1, n)), e((2 * n + 1, ny)), e(ny), e(ny),
         e((ny, ny)), noise, e((n, n)), e((n, nv)), e((ny, ny)), e((n, ny)), e((n, ny)),
         e((2 * n + max(ny, nv + len(own)), wide)), e(wide), e(wide), np.zeros(nv), workspace(n, nv),
@@ -234,10 +261,10 @@ def _new_filter(model: CompiledModel, own: Array) -> _Filter:
 
 
 @routine
-def _predict(scheme, drift, drift_jacobian, p, weights, UQ, s, u, dt):  # type: ignore[no-untyped-def]
+def _predict(scheme, drift, drift_jacobian, s, u, dt):  # type: ignore[no-untyped-def]
     """Time update of s.x, s.U over an interval (riva2017_sensitivity_asrukf, Table 1)."""
     n, nv = s.G.shape
-    eta, outer, cov0 = weights[0], weights[1], weights[2]
+    eta, outer, cov0, p = s.weights[0], s.weights[1], s.weights[2], s.p
     draw(s.x, s.U, eta, s.X)
     exact = scheme == EXACT or scheme == EXACT + DENSITY
     for i in range(2 * n + 1):
@@ -250,37 +277,48 @@ def _predict(scheme, drift, drift_jacobian, p, weights, UQ, s, u, dt):  # type: 
         for c in range(n):
             total = 0.0
             for a in range(r, nv):
-                total += UQ[r, a] * s.G[c, a]
+                total += s.UQ[r, a] * s.G[c, a]
             s.noise[r, c] = total
     weighted_mean(s.X_next, outer, s.x)
     return OK if spread(s.X_next, n, s.x, outer, cov0, s.noise, s.W, s.w, s.d, s.U) else INDEFINITE_PREDICTION
 
 
+@kernel(_HANDLE(types.int64, Drift, DriftJacobian, Output, _FILTER))
+def _prepare(scheme, drift, drift_jacobian, output, state):  # type: ignore[no-untyped-def]
+    """The handle for ``_run``."""
+    handle = new(_HANDLE)
+    handle.scheme = scheme
+    handle.drift = drift
+    handle.drift_jacobian = drift_jacobian
+    handle.output = output
+    handle.state = state
+    return handle
+
+
 @kernel(
     types.Tuple((types.int64, types.int64, types.float64))(
-        types.int64, Drift, DriftJacobian, Output, vector, vector, matrix, matrix, _FILTER, types.boolean, vector,
-        vector, matrix, matrix, matrix, cube, matrix, cube, matrix,
+        _HANDLE, types.boolean, vector, matrix, matrix, matrix, cube, matrix, cube, matrix,
     ),
 )  # fmt: skip
-def _run(  # type: ignore[no-untyped-def]
-    scheme, drift, drift_jacobian, output, p, weights, UQ, UR, s, first, u_before,
-    dt, u, y, m_pred, U_pred, m_filt, U_filt, innovation,
-):  # fmt: skip
+def _run(handle, first, dt, u, y, m_pred, U_pred, m_filt, U_filt, innovation):  # type: ignore[no-untyped-def]
     """Take in the samples of y; the arrays from m_pred on are written. Returns (code, samples, loglik)."""
+    scheme, drift, drift_jacobian, output = handle.scheme, handle.drift, handle.drift_jacobian, handle.output
+    s = borrowed(handle.state)
+    weights = s.weights
     n = s.x.shape[0]
     loglik = 0.0
     for k in range(y.shape[0]):
         if not (first and k == 0):
-            code = _predict(scheme, drift, drift_jacobian, p, weights, UQ, s, u_before if k == 0 else u[k - 1], dt[k])
+            code = _predict(scheme, drift, drift_jacobian, s, s.u_before, dt[k])
             if code != OK:
                 return code, k, loglik
         m_pred[k], U_pred[k] = s.x, s.U
         draw(s.x, s.U, weights[0], s.X)
         for i in range(2 * n + 1):
-            output(s.X[i], u[k], p, s.Y[i])
+            output(s.X[i], u[k], s.p, s.Y[i])
         weighted_mean(s.Y, weights[1], s.y_hat)
         innovation[k] = y[k] - s.y_hat
-        q = keep_observed(y[k], s.Y, UR, s.observed, s.UR_seen)
+        q = keep_observed(y[k], s.Y, s.UR, s.observed, s.UR_seen)
         for b in range(q):
             s.y_hat[b] = s.y_hat[s.observed[b]]
             s.e[b] = innovation[k, s.observed[b]]
@@ -300,4 +338,5 @@ def _run(  # type: ignore[no-untyped-def]
             if not math.isfinite(s.x[i]) or not math.isfinite(s.U[i, i]):
                 return NOT_FINITE, k, loglik
         m_filt[k], U_filt[k] = s.x, s.U
+        s.u_before[:] = u[k]
     return OK, y.shape[0], loglik

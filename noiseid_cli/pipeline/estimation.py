@@ -31,7 +31,7 @@ from noiseid_cli.pipeline.first_state import first_names
 from noiseid_cli.pipeline.methods import ENSEMBLES, Task, run_method
 from noiseid_cli.pipeline.noise_unit import conversion_interval, noise_names
 from noiseid_cli.pipeline.outliers import fit_without_outliers
-from noiseid_cli.pipeline.problem import check_time_constants, pose, pose_parameters
+from noiseid_cli.pipeline.problem import check_sample_time, check_time_constants, pose, pose_parameters
 from noiseid_cli.pipeline.truth import true_parameters
 from noiseid_cli.pipeline.unit import EstimateUnit
 from noiseid_cli.pipeline.units import earlier_result
@@ -59,6 +59,7 @@ def make_estimate(context: Context, unit: EstimateUnit, progress: Progress | Non
     assert context.experiment.estimate is not None
     section = with_structure(context.experiment.estimate, unit.options)
     check_time_constants(context.experiment.model.markov_noise, context.model.discretisation, dataset)
+    check_sample_time(context.model, dataset)
     first = first_names(context)
     start, unknowns = pose(section, dataset, context.compiled, unit.start.factors, unit.start.measurement_factor, first)
     fitted = fitted_part(section, dataset)

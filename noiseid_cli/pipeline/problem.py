@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from noiseid_cli.config.schema_estimate import CovarianceChoice, Estimate, MeanChoice
     from noiseid_cli.config.schema_model import MarkovNoise
     from noiseid_cli.models.compiled import CompiledModel
+    from noiseid_cli.models.equations import Model
 
 
 def pose(
@@ -82,6 +83,33 @@ def check_time_constants(markov: MarkovNoise | None, discretisation: str, datase
                     f"{r.name!r}, {interval:.3g} s: between samples such a noise is white; leave it white, or take a "
                     "longer time constant"
                 )
+
+
+INTERVAL_TOLERANCE = 0.01
+"""Largest relative difference between the sample time of a model and the interval of its data; chosen."""
+
+
+def check_sample_time(model: Model, dataset: Dataset) -> None:
+    """Refuse data at another interval than that which a parameter of the model stands for.
+
+    Args:
+        model: the model; only one with a ``sample_time_parameter`` is checked.
+        dataset: the data.
+
+    Raises:
+        EstimationError: the typical interval of a test differs from the parameter.
+    """
+    name = model.sample_time_parameter
+    if not name:
+        return
+    value = model.values[name]
+    for r in dataset.recordings:
+        interval = float(np.median(r.dt)) if len(r.dt) else value
+        if abs(interval - value) > INTERVAL_TOLERANCE * value:
+            raise EstimationError(
+                f"the samples of test {r.name!r} are {interval:.6g} s apart, but {name}, the sample time of "
+                f"{model.name}, is {value:.6g} s: set model.parameters.{name} to {interval:.6g}"
+            )
 
 
 def _covariance(

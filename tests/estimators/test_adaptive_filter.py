@@ -1,5 +1,7 @@
 """The adaptive filter: its derivatives, its batch and online forms, missing data, its gate."""
 
+import gc
+import weakref
 from dataclasses import replace
 
 import numpy as np
@@ -181,6 +183,33 @@ def test_problems_that_do_not_fit_are_refused():
     scaled = Unknowns(Q=CovarianceStructure.scaled(noise.Q))
     with pytest.raises(EstimationError, match="structure: diagonal"):
         AdaptiveFilter(Pendulum(), compiled, noise, scaled, none, running())
+
+
+def test_what_the_kernel_was_given_lives_as_long_as_the_filter_and_no_longer():
+    compiled, noise, (recording,) = pendulum_case(2, lengths=(30,))
+    kept, other = (problem([0.2, 9.0, 0.3], running(), noise, compiled) for _ in range(2))
+    seen = weakref.ref(other._s.X)
+    del other._s
+    gc.collect()
+    dt = np.concatenate(([0.0], recording.dt))
+    for k in range(30):
+        a = kept.step(recording.y[k], recording.u[k], dt[k])
+        b = other.step(recording.y[k], recording.u[k], dt[k])
+        assert all(np.array_equal(x, y) for x, y in zip(a, b, strict=True))
+    assert seen() is not None
+    del other
+    gc.collect()
+    assert seen() is None
+
+
+def test_a_sample_of_another_length_is_refused():
+    compiled, noise, _ = pendulum_case(0)
+    filter_ = problem([0.2, 9.0, 0.3], running(), noise, compiled)
+    with pytest.raises(EstimationError, match="a sample has 3 outputs, 1 inputs; the model has 2 and 1"):
+        filter_.step(np.zeros(3), np.zeros(1))
+    with pytest.raises(EstimationError, match="a sample has 2 outputs, 0 inputs; the model has 2 and 1"):
+        filter_.step(np.zeros(2), np.zeros(0))
+    assert filter_.samples == 0
 
 
 def test_a_failure_online_is_a_sentence():

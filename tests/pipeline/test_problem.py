@@ -6,7 +6,9 @@ import pytest
 from noiseid_cli.config.schema_estimate import Estimate
 from noiseid_cli.errors import EstimationError
 from noiseid_cli.models.recording import Dataset, Recording
-from noiseid_cli.pipeline.problem import pose, pose_parameters
+from noiseid_cli.models.systems.markov_manipulator import MarkovManipulator
+from noiseid_cli.models.systems.one_link import OneLink
+from noiseid_cli.pipeline.problem import check_sample_time, pose, pose_parameters
 
 
 class Sizes:
@@ -145,3 +147,21 @@ def test_parameters_to_be_estimated_keep_their_order_and_bounds():
 def test_a_parameter_starts_within_its_bounds(bounds):
     with pytest.raises(ValueError, match=r"must be (above lower|below upper)"):
         section(parameters={"a": {"start": 1.0, **bounds}})
+
+
+def sampled(*intervals):
+    tests = (Recording(f"t{dt}", np.full(3, dt), np.zeros((4, 1)), np.zeros((4, 2))) for dt in intervals)
+    return Dataset("data", "one_link", tuple(tests), (), ())
+
+
+def test_data_at_another_interval_than_the_models_sample_time_are_refused():
+    check_sample_time(OneLink(), sampled(2e-4, 2.01e-4))
+    check_sample_time(OneLink(Ts=0.001), sampled(0.001))
+    check_sample_time(MarkovManipulator(), sampled(0.3))  # no parameter of it equals the sample time
+    words = (
+        r"test 't0\.001' are 0\.001 s apart, but Ts, .* of one_link, is 0\.0002 s: set model\.parameters\.Ts to 0\.001$"
+    )
+    with pytest.raises(EstimationError, match=words):
+        check_sample_time(OneLink(), sampled(2e-4, 0.001))
+    with pytest.raises(EstimationError, match=r"Ts to 0\.000203"):
+        check_sample_time(OneLink(), sampled(2.03e-4))

@@ -170,6 +170,17 @@ def test_figures_hold_the_curves_and_say_what_leaves_them():
     assert "Drawn is replicate-000" in plots["states-over-time"].caption
 
 
+def test_the_hold_is_shaded_from_its_begin_to_its_end_in_every_panel():
+    for plot in online_plots(cases.study()):
+        assert "Grey: the motion is held." in plot.caption
+        for axis in plot.figure.axes:
+            shaded = [p for p in axis.patches if not p.get_hatch()]  # hatched: not adapted
+            assert [(p.get_x(), p.get_x() + p.get_width()) for p in shaded] == [pytest.approx(cases.HOLD)]
+    for plot in online_plots(cases.study(held=None)):
+        assert "Grey" not in plot.caption
+        assert all(p.get_hatch() for axis in plot.figure.axes for p in axis.patches)
+
+
 def test_the_report_holds_them_and_the_terminal_the_tables(tmp_path):
     made = make_report(cases.study(), tmp_path, ("html", "csv", "svg"))
     page = made.html.read_text()
