@@ -11,6 +11,7 @@ from sympy.printing.str import StrPrinter
 
 from noiseid_cli.models.declarations import Quantity
 from noiseid_cli.models.equations import Model
+from noiseid_cli.models.mathml import mathml
 
 _SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 _HEADINGS = ("name", "unit", "description")
@@ -25,12 +26,14 @@ class Equation:
         name: the term, state or output that it is about.
         text: the equation on one line, with the names as they are written in configs.
         latex: the same in LaTeX, without dollar signs.
+        mathml: the same as MathML, without the ``math`` element.
     """
 
     kind: str
     name: str
     text: str
     latex: str
+    mathml: str
 
 
 @dataclass(frozen=True)
@@ -92,7 +95,8 @@ def _equations(model: Model) -> tuple[Equation, ...]:
 
     def add(kind: str, name: str, left: str, left_latex: str, expression: Any) -> None:
         right, right_latex = text.doprint(expression), latex.doprint(expression)
-        lines.append(Equation(kind, name, f"{left} = {right}", f"{left_latex} = {right_latex}"))
+        latex_line = f"{left_latex} = {right_latex}"
+        lines.append(Equation(kind, name, f"{left} = {right}", latex_line, mathml(left, expression)))
 
     for term, definition in eq.terms.items():
         add("definition", str(term), str(term), latex.doprint(term), definition)

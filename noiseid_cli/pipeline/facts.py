@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 def model_facts(context: Context) -> ModelFacts:
     """The model in words, with its equations and parameters."""
     from noiseid_cli.models.describe import describe
-    from noiseid_cli.report import ModelFacts, ParameterFact
+    from noiseid_cli.report import EquationFact, ModelFacts, ParameterFact
 
     description = describe(context.model)
     return ModelFacts(
         name=description.name,
         description=description.summary,
-        equations=tuple(equation.text for equation in description.equations),
+        equations=tuple(EquationFact(e.kind, e.text, e.mathml) for e in description.equations),
         parameters=tuple(
             ParameterFact(p.name, p.value, p.unit, p.description, p.source) for p in context.model.parameters_in_force
         ),

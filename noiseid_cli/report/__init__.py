@@ -3,6 +3,7 @@
 from noiseid_cli.report.page import FORMATS, ReportFiles, make_report
 from noiseid_cli.report.study import (
     DatasetFacts,
+    EquationFact,
     ModelFacts,
     ParameterFact,
     PublishedEstimates,
@@ -15,6 +16,7 @@ from noiseid_cli.report.summary import terminal_tables
 __all__ = [
     "FORMATS",
     "DatasetFacts",
+    "EquationFact",
     "ModelFacts",
     "ParameterFact",
     "PublishedEstimates",

@@ -71,8 +71,8 @@ def starts_table(study: Study) -> Table:
     names = list(dict.fromkeys(name for r in study.results for name, _, _ in r.noise_names))
     columns = [Column("Method"), Column("Dataset"), Column("Replicate"), Column("Converged / all")]
     columns += [
-        Column("Spread of log-likelihood", digits=3),
-        *(Column(f"Spread of std {n}", "%", digits=3) for n in names),
+        Column("Log-likelihood", digits=3),
+        *(Column(f"Std {n}", "%", digits=3) for n in names),
     ]
     rows = []
     for units in start_groups(study):

@@ -9,23 +9,22 @@ from typing import Literal
 import numpy as np
 
 from noiseid_cli.outcome import UnitResult
+from noiseid_cli.report.before_after import has_path, nis, path_error
 from noiseid_cli.report.certainty import certainty, has_certainty
 from noiseid_cli.report.noise_units import unit_words
 from noiseid_cli.report.reading import (
-    ALL_PLACES,
     PLACES,
-    At,
     best,
     converged,
     correlation,
     covariances,
-    evaluation,
     group,
     loglik,
     reason,
     remark,
     std,
 )
+from noiseid_cli.report.shown import KIND
 from noiseid_cli.report.study import Study
 from noiseid_cli.report.tables import Cell, Column, Missing, Table, number
 
@@ -33,60 +32,7 @@ MANY = 12
 """With more units than this, tables with several rows per unit give way to means over units."""
 
 Which = Literal["Q", "R"]
-KIND: dict[Which, str] = {"Q": "process noise", "R": "measurement noise"}
-
-
-def before_after_table(study: Study) -> Table:
-    """Log-likelihood, mean NIS and path error of the filter at the start, at the estimate and at the truth."""
-    path = any(_has_path(r) for r in study.results)
-    shown = [at for at in ALL_PLACES if at in ("start", "estimate") or any(at in r.evaluations for r in study.results)]
-    columns = [Column("Unit"), Column("Filter at"), Column("Log-likelihood", decimals=2), Column("NIS")]
-    readers: list[Callable[[UnitResult, At], float]] = [loglik, _nis]
-    held = any(r.held_out for r in study.results)
-    if held:
-        columns += [Column("Log-likelihood, held out", decimals=2), Column("NIS, held out")]
-        readers += [_held_out_loglik, _held_out_nis]
-    if path:
-        columns.append(Column("Path error", study.path_unit()))
-        readers.append(_path_error)
-    rows = tuple(
-        (r.unit, at, *(number(read(r, at), reason(r, at)) for read in readers)) for r in study.results for at in shown
-    )
-    caption = (
-        "The same filter with different noise values. A higher log-likelihood is better; NIS is the mean "
-        "normalised innovation squared per measurement, 1 for a consistent filter."
-    )
-    if "tuning" in shown:
-        caption += " Tuning: the covariances in use today, as the experiment gives them."
-    if held:
-        caption += " Held out: data that no method has seen."
-    if path:
-        caption += " The path error is the 2-norm over time of the distance to the true path."
-    return Table("before-after", "The filter before and after", caption, tuple(columns), rows)
-
-
-def _nis(result: UnitResult, at: At) -> float:
-    found = evaluation(result, at)
-    return found.nis if found else float("nan")
-
-
-def _held_out_loglik(result: UnitResult, at: At) -> float:
-    found = result.held_out.get(at)
-    return found.loglik if found else float("nan")
-
-
-def _held_out_nis(result: UnitResult, at: At) -> float:
-    found = result.held_out.get(at)
-    return found.nis if found else float("nan")
-
-
-def _has_path(result: UnitResult) -> bool:
-    return any(e.path_error is not None for e in result.evaluations.values())
-
-
-def _path_error(result: UnitResult, at: At) -> float:
-    found = evaluation(result, at)
-    return found.path_error_norm if found else float("nan")
+WORDS: dict[Which, str] = {"Q": "process noise", "R": "measurement noise"}
 
 
 def ending_table(study: Study) -> Table:
@@ -113,7 +59,7 @@ def ending_table(study: Study) -> Table:
     return Table(
         "endings",
         "How each unit ended",
-        "A pass is one filter and smoother run over all data.",
+        "A pass takes in all data once.",
         columns,
         rows,
     )
@@ -134,10 +80,10 @@ def summary_table(study: Study) -> Table:
         lambda r: float(r.estimate.passes),
         lambda r: r.estimate.seconds,
         lambda r: loglik(r, "estimate") - loglik(r, "start"),
-        lambda r: _nis(r, "estimate"),
-        lambda r: _path_error(r, "estimate"),
+        lambda r: nis(r, "estimate"),
+        lambda r: path_error(r, "estimate"),
     ]
-    if not any(_has_path(r) for r in study.results):
+    if not any(has_path(r) for r in study.results):
         columns, readers = columns[:-1], readers[:-1]
     rows = []
     for method, units in group(study.results, lambda r: r.method_label).items():
@@ -154,6 +100,12 @@ def _mean(values: list[float]) -> Cell:
     return number(sum(values) / len(values), "Not available for every unit that converged")
 
 
+_FATES = {
+    "held": " Held: given in the experiment and left alone.",
+    "unchanged": " Unchanged: the whole unit ended at its start.",
+}
+
+
 def std_table(study: Study, which: Which) -> Table:
     """Standard deviations at start, estimate and truth, unit by unit, with what was held marked."""
     index = 0 if which == "Q" else 1
@@ -161,29 +113,27 @@ def std_table(study: Study, which: Which) -> Table:
     columns = [Column("Unit"), Column("Noise"), Column("In"), Column("Start"), Column("Estimate")]
     sure = has_certainty(study)
     columns += [Column("±", digits=2), Column("Interval")] if sure else []
-    columns += [Column("Truth"), Column("Estimate / truth")] if known else [Column("Estimate / start")]
+    columns += [Column("Truth"), Column("Estimate / truth")] if known else []
     rows: list[tuple[Cell, ...]] = []
     for r in study.results:
         names = r.noise_names if which == "Q" else r.output_names
         for i, (name, unit, _) in enumerate(names):
             start, end, truth = (std(covariances(r, at)[index], i) for at in PLACES)
-            reference = truth if known else start
-            last = (_ratio(end, reference, reason(r, "truth" if known else "estimate")), remark(r, which, i))
-            middle = (number(truth, reason(r, "truth")),) if known else ()
+            beside = (number(truth, reason(r, "truth")), _ratio(end, truth, reason(r, "truth"))) if known else ()
             values: tuple[Cell, ...] = (number(start, reason(r, "start")), number(end, reason(r, "estimate")))
-            values += certainty(r, f"{KIND[which].replace(' ', '_')}_std", name) if sure else ()
-            rows.append((r.unit, name, unit or "1", *values, *middle, *last))
-    columns.append(Column("Kind"))
-    caption = (
-        f"Square roots of the diagonal of {which}, {_words(study, which)}. "
-        "Held: given in the experiment and left alone. Unchanged: the whole unit ended at its start."
+            values += certainty(r, f"{WORDS[which].replace(' ', '_')}_std", name) if sure else ()
+            rows.append((r.unit, name, unit or "1", *values, *beside, remark(r, which, i)))
+    columns.append(KIND)
+    caption = f"Square roots of the diagonal of {which}, {_words(study, which)}." + "".join(
+        text for kind, text in _FATES.items() if any(row[-1] == kind for row in rows)
     )
-    levels = {r.uncertainty.level for r in study.results if r.uncertainty is not None}
+    levels = sorted({r.uncertainty.level for r in study.results if r.uncertainty is not None})
     if levels:
-        caption += f" ±: standard error. Interval: {' or '.join(f'{100 * level:g} %' for level in sorted(levels))}."
-    kind = KIND[which]
+        shares = " or ".join(f"{100 * level:g}\u00a0%" for level in levels)
+        caption += f" ±: standard error. Interval: {shares}."
+    kind = WORDS[which]
     name = f"std-{kind.replace(' ', '-')}"
-    return Table(name, f"Standard deviations of the {kind}", caption, tuple(columns), _merge_held(rows))
+    return Table(name, f"Standard deviations of the {kind}", caption, tuple(columns), _merge_held(rows), keys=2)
 
 
 def _words(study: Study, which: Which) -> str:
@@ -207,7 +157,7 @@ def std_summary_table(study: Study, which: Which) -> Table:
     """Mean and spread of the standard deviations over the converged units of each method."""
     index = 0 if which == "Q" else 1
     columns = [Column("Method"), Column("Noise"), Column("In"), Column("Converged / all"), Column("Mean")]
-    columns += [Column("Spread"), Column("Mean of estimate / truth"), Column("Kind")]
+    columns += [Column("Spread"), Column("Mean of estimate / truth"), KIND]
     rows = []
     for method, units in group(study.results, lambda r: r.method_label).items():
         used = [u for u in units if converged(u)]
@@ -220,11 +170,11 @@ def std_summary_table(study: Study, which: Which) -> Table:
             kinds = ", ".join(sorted({remark(u, which, i) for u in used})) or "–"
             head = (method, name, unit or "1", f"{len(used)} / {len(units)}")
             rows.append((*head, _mean(ends), _spread(ends), mean, kinds))
-    kind = KIND[which]
+    kind = WORDS[which]
     words = _words(study, which)
     caption = f"Mean and standard deviation over the converged units, {words}; every unit is in results.csv."
     title = f"Standard deviations of the {kind}, means"
-    return Table(f"std-{kind.replace(' ', '-')}-means", title, caption, tuple(columns), tuple(rows))
+    return Table(f"std-{kind.replace(' ', '-')}-means", title, caption, tuple(columns), tuple(rows), keys=2)
 
 
 def _spread(values: list[float]) -> Cell:

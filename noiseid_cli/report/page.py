@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
+from base64 import b64encode
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from noiseid_cli.errors import NoiseidError
+from noiseid_cli.report.answer import count_sentence
+from noiseid_cli.report.blocks import Block, Bullets, Code, Equations, Section
 from noiseid_cli.report.figure_style import Plot, inline_svg, png_file, svg_file
 from noiseid_cli.report.render_csv import csv_table
 from noiseid_cli.report.render_html import html_code, html_table, html_text
 from noiseid_cli.report.render_latex import latex_table
 from noiseid_cli.report.render_markdown import markdown_code, markdown_table, markdown_text
-from noiseid_cli.report.sections import Block, Bullets, Code, Section, count_sentence, sections
+from noiseid_cli.report.render_math import html_math
+from noiseid_cli.report.sections import sections
 from noiseid_cli.report.study import Study
 from noiseid_cli.report.tables import Table, plain
 from noiseid_cli.report.tidy import tidy_table
 
 if TYPE_CHECKING:
+    from jinja2 import Environment
     from markupsafe import Markup
 
 FORMATS = ("html", "md", "csv", "tex", "svg", "png")
@@ -105,7 +111,23 @@ def html_page(study: Study, parts: list[Section]) -> str:
         for part in parts
     ]
     page = environment.get_template("report.html.j2")
-    return page.render(title=plain(study.title), lead=plain(lead(study)), sections=shown)
+    script = _part(environment, "report.js")
+    return page.render(
+        title=plain(study.title),
+        lead=plain(lead(study)),
+        sections=shown,
+        style=_part(environment, "report.css"),
+        script=script,
+        script_hash=b64encode(sha256(script.encode()).digest()).decode(),
+    )
+
+
+def _part(environment: Environment, name: str) -> Markup:
+    """A file of ours that goes into the page as it is."""
+    from markupsafe import Markup
+
+    assert environment.loader is not None
+    return Markup(environment.loader.get_source(environment, name)[0])
 
 
 def _html_block(block: Block) -> Markup:
@@ -121,6 +143,10 @@ def _html_block(block: Block) -> Markup:
         html = f'<figure id="figure-{html_text(block.name)}">{caption}{drawing}</figure>'
     elif isinstance(block, Bullets):
         html = "<ul>" + "".join(f"<li>{html_text(item)}</li>" for item in block.items) + "</ul>"
+    elif isinstance(block, Equations):
+        lines = "\n".join(f"<div>{html_math(line.mathml, line.text)}</div>" for line in block.lines)
+        title = html_text(block.title)
+        html = f'<h3>{title}</h3>\n<div class="equations" tabindex="0" role="group" aria-label="{title}">{lines}</div>'
     elif isinstance(block, Code):
         html = f'<pre tabindex="0">{html_code(block.text)}</pre>'
     else:
@@ -147,6 +173,8 @@ def _markdown_block(block: Block, figure_kind: str | None) -> str:
         return "\n\n".join(filter(None, [title, link, markdown_text(block.caption)]))
     if isinstance(block, Bullets):
         return "\n".join(f"- {markdown_text(item)}" for item in block.items)
+    if isinstance(block, Equations):
+        return f"{markdown_text(block.title)}:\n\n" + markdown_code("\n".join(line.text for line in block.lines))
     if isinstance(block, Code):
         return markdown_code(block.text)
     return markdown_text(block.text)

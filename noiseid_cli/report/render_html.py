@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from html import escape
 
+from noiseid_cli.report.render_csv import csv_text
 from noiseid_cli.report.tables import Cell, Column, Missing, Table, plain, write_number
 
 LONG = 40
@@ -64,8 +65,16 @@ def _row(row: tuple[Cell, ...], columns: tuple[Column, ...], sides: list[str], n
     cells = []
     for j, (cell, column) in enumerate(zip(row, columns, strict=True)):
         tag, more = ('th scope="row"', " again" if again else "") if j == 0 else ("td", "")
-        cells.append(f'<{tag} class="{sides[j]}{more}">{_cell(cell, column, notes)}</{tag[:2]}>')
+        cells.append(f'<{tag} class="{sides[j]}{more}"{_value(cell)}>{_cell(cell, column, notes)}</{tag[:2]}>')
     return f"<tr>{''.join(cells)}</tr>"
+
+
+def _value(cell: Cell) -> str:
+    """What a cell is sorted by and copied as, where that is not its text: every digit, and never a formula."""
+    if isinstance(cell, str):
+        safe = csv_text(cell)
+        return "" if safe == plain(cell) else f' data-value="{html_text(safe)}"'
+    return f' data-value="{"" if isinstance(cell, Missing) else repr(cell)}"'
 
 
 def _cell(cell: Cell, column: Column, notes: list[str]) -> str:

@@ -26,12 +26,27 @@ class ParameterFact:
 
 
 @dataclass(frozen=True)
+class EquationFact:
+    """One equation of the model.
+
+    Attributes:
+        kind: ``definition``, ``dynamics``, ``output`` or ``performance``.
+        text: the equation on one line.
+        mathml: the same as presentation MathML, without the ``math`` element; empty where there is none.
+    """
+
+    kind: str
+    text: str
+    mathml: str = ""
+
+
+@dataclass(frozen=True)
 class ModelFacts:
-    """The model in words: name, one sentence, its equations as lines of text, its parameters."""
+    """The model in words: name, one sentence, its equations, its parameters."""
 
     name: str
     description: str
-    equations: tuple[str, ...] = ()
+    equations: tuple[EquationFact, ...] = ()
     parameters: tuple[ParameterFact, ...] = ()
 
 
@@ -163,7 +178,10 @@ class Study:
     def chosen(self) -> str:
         """What a caption must say of values that nobody published; empty where there are none."""
         count = sum(p.source == "chosen" for p in self.model.parameters)
-        return f" {count} of {len(self.model.parameters)} model parameters are chosen, not published." if count else ""
+        verb = "is" if count == 1 else "are"
+        return (
+            f" {count} of {len(self.model.parameters)} model parameters {verb} chosen, not published." if count else ""
+        )
 
     def path_unit(self) -> str:
         """Unit of the path error, where the datasets agree on one."""

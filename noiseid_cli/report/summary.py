@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Literal
-
-import numpy as np
 
 from noiseid_cli.report.agreement import consistency_table, start_groups, starts_table
+from noiseid_cli.report.answer import kinds
+from noiseid_cli.report.before_after import before_after_table
 from noiseid_cli.report.build import (
     MANY,
-    before_after_table,
     ending_table,
     std_summary_table,
     std_table,
@@ -21,6 +19,7 @@ from noiseid_cli.report.noise_units import noise_units_table
 from noiseid_cli.report.parameter_recovery import parameter_recovery
 from noiseid_cli.report.published import published_tables
 from noiseid_cli.report.recovery import recovery_table
+from noiseid_cli.report.shown import lean, with_short_names
 from noiseid_cli.report.side_by_side import compared, side_by_side
 from noiseid_cli.report.study import Study
 from noiseid_cli.report.sweep import sweep_table
@@ -32,26 +31,30 @@ from noiseid_cli.report.unknown_parameters import parameter_estimates
 def terminal_tables(study: Study) -> list[Table]:
     """How the units ended, before and after, the standard deviations, the agreement of several starts.
 
-    Of a sweep, means per method and a row for each point. R is shown where it was estimated, the innovations per output
-    where no truth is known to compare with, and published figures beside ours. Many units are summed up method by
-    method.
+    Of a sweep, means per method and a row for each point. Q and R are shown where they were estimated, the innovations
+    per output where no truth is known to compare with, and published figures beside ours. Many units are summed up
+    method by method.
     """
     if not study.results:
         return []
+    study = with_short_names(study)
+    return [lean(table, study) for table in _tables(study) if table is not None]
+
+
+def _tables(study: Study) -> list[Table | None]:
     many = len(study.results) > MANY
     if study.sweep:
         return [summary_table(study), sweep_table(study)]
+    estimated = "estimated" in kinds(study, "Q")
+    tables: list[Table | None]
     if many:
-        tables = [summary_table(study), score_table(study), recovery_table(study), std_summary_table(study, "Q")]
+        tables = [summary_table(study), score_table(study), recovery_table(study)]
+        tables += [std_summary_table(study, "Q")] if estimated else []
     else:
-        tables = [
-            _without_last(ending_table(study)),
-            before_after_table(study),
-            _std(study, "Q"),
-            noise_units_table(study),
-        ]
-    if any(not np.array_equal(r.estimate.start.R, r.estimate.final.R) for r in study.results):
-        tables.append(std_summary_table(study, "R") if many else _std(study, "R"))
+        tables = [_without_last(ending_table(study)), before_after_table(study)]
+        tables += [std_table(study, "Q"), noise_units_table(study)] if estimated else []
+    if "estimated" in kinds(study, "R"):
+        tables.append(std_summary_table(study, "R") if many else std_table(study, "R"))
     if not many and all(r.Q_true is None for r in study.results):
         tables.append(consistency_table(study))
     together = side_by_side(study)
@@ -61,13 +64,7 @@ def terminal_tables(study: Study) -> list[Table]:
     tables += [together, alone, parameter_recovery(study)]
     tables += [tracking_table(study), hold_table(study)]
     tables += [starts_table(study)] if start_groups(study) else []
-    return [table for table in (*tables, *published_tables(study)) if table is not None]
-
-
-def _std(study: Study, which: Literal["Q", "R"]) -> Table:
-    """The standard deviations, without their kind where all were estimated."""
-    table = std_table(study, which)
-    return _without_last(table) if all(row[-1] == "estimated" for row in table.rows) else table
+    return [*tables, *published_tables(study)]
 
 
 def _without_last(table: Table) -> Table:

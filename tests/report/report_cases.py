@@ -7,7 +7,7 @@ import numpy as np
 from noiseid_cli.diagnostics.consistency import consistency
 from noiseid_cli.estimators.estimate import Estimate, NoiseValues
 from noiseid_cli.outcome import UnitResult
-from noiseid_cli.report import DatasetFacts, ModelFacts, ParameterFact, Study
+from noiseid_cli.report import DatasetFacts, EquationFact, ModelFacts, ParameterFact, Study
 
 NOISES = (
     ("va1", "N m", "torque noise, arm 1"),
@@ -166,9 +166,8 @@ def study(results, *, samples=1200, truth=True):
         name="flexible_robot",
         description="A two-link robot with flexible joints, moving in a horizontal plane.",
         equations=(
-            "M(qa) qa'' + C(qa, qa') + T(qa - qm) = va",
-            "Mm qm'' - T(qa - qm) = u + vm",
-            "T(x) = k x + d x'",
+            EquationFact("definition", "T = k·x", "<mrow><mi>T</mi><mo>=</mo><mi>k</mi><mo>·</mo><mi>x</mi></mrow>"),
+            EquationFact("dynamics", "Mm qm'' - T(qa - qm) = u + vm"),
         ),
         parameters=(
             ParameterFact("m1", 40.0, "kg", "mass of arm 1", "Moberg (2010), table 3.1"),

@@ -9,7 +9,8 @@ from report_cases import unit
 from noiseid_cli.diagnostics.where import Misfit
 from noiseid_cli.estimators.estimate import Uncertainty
 from noiseid_cli.report import ModelFacts, Study, make_report
-from noiseid_cli.report.build import before_after_table, std_table
+from noiseid_cli.report.before_after import before_after_table
+from noiseid_cli.report.build import std_table
 from noiseid_cli.report.certainty import certainty_sentences, certainty_tables
 from noiseid_cli.report.diagnosis import case_of, output_table, overall_table, verdict, where_table
 from noiseid_cli.report.tables import Missing
@@ -46,7 +47,7 @@ def test_standard_deviations_have_errors_and_intervals(study):
     assert (rows["va1"]["±"], rows["va1"]["Interval"]) == (2.5, "46.0 to 54.2")
     assert (rows["vm1"]["±"], rows["vm1"]["Interval"]) == (3.0, "0 to 6.00")
     assert isinstance(rows["va2"]["±"], Missing)
-    assert "90 %" in table.caption
+    assert "90\u00a0%" in table.caption
 
 
 def test_what_is_not_determined_says_why(study):
@@ -62,7 +63,7 @@ def test_head_of_the_report_shows_tuning_and_held_out_data(study, tmp_path):
     assert [row[1] for row in table.rows] == ["tuning", "start", "estimate", "truth"]
     assert [column.heading for column in table.columns][4:6] == ["Log-likelihood, held out", "NIS, held out"]
     page = make_report(study, tmp_path, ("md", "html", "svg")).markdown.read_text()
-    order = [page.index(text) for text in ("A ridge of two", "## The estimate: before", "## How sure", "## Does the")]
+    order = [page.index(text) for text in ("A ridge of two", "## What does", "## How sure", "## Does the")]
     assert order == sorted(order)
     assert "w <2>" not in (tmp_path / "report.html").read_text()
     assert (tmp_path / "figures" / "misfit.svg").stat().st_size > 1000

@@ -5,17 +5,22 @@ import io
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
+from pathlib import Path
 
 import pytest
 import report_cases
 
-from noiseid_cli.report import ParameterFact, make_report
+import noiseid_cli.report
+from noiseid_cli.report import EquationFact, ParameterFact, make_report
 from noiseid_cli.report.render_csv import csv_table
 from noiseid_cli.report.render_html import html_table, html_text
 from noiseid_cli.report.render_latex import latex_table, latex_text
 from noiseid_cli.report.render_markdown import markdown_code, markdown_table, markdown_text
+from noiseid_cli.report.render_math import ELEMENTS, html_math
 from noiseid_cli.report.render_terminal import terminal_table
 from noiseid_cli.report.tables import Column, Missing, Table, plain
+
+TEMPLATES = Path(noiseid_cli.report.__file__).parent / "templates"
 
 PAYLOADS = [
     "<script>alert(1)</script>",
@@ -104,6 +109,33 @@ def test_html_shows_the_text_and_nothing_else(payload):
     assert plain(payload) in "".join(nodes.text)
     assert no_commands(html)
     assert "".join(parse(f"<p>{html_text(payload)}</p>").text) == plain(payload)
+
+
+@pytest.mark.parametrize("payload", PAYLOADS)
+@pytest.mark.parametrize("around", ["{}", "<mi>{}</mi>", "<mrow><mi {}>x</mi></mrow>", "<mtext>{}", "<{}></{}>"])
+def test_equations_hold_nothing_but_an_equation(payload, around):
+    html = html_math(around.replace("{}", payload), payload)
+    nodes = assert_harmless(html)
+    assert nodes.tags <= {"math", "code", *ELEMENTS}
+    assert [name for name, _ in nodes.attributes if name not in ("display", "aria-label")] == []
+    assert no_commands(html)
+
+
+def test_an_equation_is_drawn_as_it_is_given():
+    assert html_math("<msup><mi>a&lt;</mi><mn>2</mn></msup>", "a²") == (
+        '<math display="block" aria-label="a²"><msup><mi>a&lt;</mi><mn>2</mn></msup></math>'
+    )
+    assert html_math("", "a < b") == "<code>a &lt; b</code>"
+    for broken in (
+        "<mi>a",
+        "</mi>",
+        "<mrow><mi>a</mrow></mi>",
+        "<script>a</script>",
+        "<!-- -->",
+        "<?x?>",
+        "<mi>a</mi><a>b</a>",
+    ):
+        assert html_math(broken, "a") == "<code>a</code>"
 
 
 def unescaped_pipes(line):
@@ -203,12 +235,15 @@ def test_a_whole_report_of_payloads(tmp_path):
             study.model,
             name=everything,
             description=everything,
-            equations=tuple(PAYLOADS),
+            equations=tuple(EquationFact("dynamics", text, mathml) for text in PAYLOADS[:9] for mathml in PAYLOADS),
             parameters=tuple(ParameterFact(t, 1.0, t, t, t) for t in PAYLOADS),
         ),
     )
     files = make_report(study, tmp_path, ("html", "md", "csv", "tex", "svg"))
-    nodes = assert_harmless(files.html.read_text())
+    html = files.html.read_text()
+    ours = f"<script>{(TEMPLATES / 'report.js').read_text()}</script>"
+    assert html.count(ours) == 1
+    nodes = assert_harmless(html.replace(ours, ""))
     assert {"svg", "table", "pre"} <= nodes.tags
     assert PAYLOADS[0] in "".join(nodes.text)
     for path in (files.html, files.markdown, *files.tables, *files.figures):

@@ -1,5 +1,7 @@
 """The report's files: what is written, that it is complete, and that it is the same each time."""
 
+import base64
+import hashlib
 import itertools
 import re
 from html.parser import HTMLParser
@@ -26,7 +28,7 @@ def contents(folder):
 
 
 def visible(html):
-    html = re.sub(r"<(style|svg)\b.*?</\1>", "", html, flags=re.DOTALL)
+    html = re.sub(r"<(style|svg|script)\b.*?</\1>", "", html, flags=re.DOTALL)
     parts = []
     parser = HTMLParser()
     parser.handle_data = parts.append
@@ -64,7 +66,12 @@ def test_same_study_same_bytes(written, simulated, tmp_path):
 
 def test_page_is_self_contained(written):
     html = written.html.read_text()
-    assert not re.search(r"""(src|srcset|action)\s*=|@import|url\((?!#)|<link|<script""", html)
+    assert not re.search(r"""(src|srcset|action)\s*=|@import|url\((?!#)|<link""", html)
+    script = re.findall(r"<script>(.*?)</script>", html, flags=re.DOTALL)
+    assert len(script) == 1
+    allowed = base64.b64encode(hashlib.sha256(script[0].encode()).digest()).decode()
+    assert f"default-src 'none'; style-src 'unsafe-inline'; script-src 'sha256-{allowed}'" in html
+    assert not re.search(r"fetch|XMLHttp|import\(|https?:", script[0])
     assert all(ref.startswith("#") for ref in re.findall(r'href="([^"]*)"', html))
     ids = re.findall(r'\bid="([^"]+)"', html)
     assert len(ids) == len(set(ids))
@@ -78,17 +85,19 @@ def test_page_is_self_contained(written):
 def test_headings_come_in_order(written):
     headings = re.findall(r"<h2>(.*?)</h2>", written.html.read_text())
     assert headings == [
-        "The estimate: before and after",
-        "What was estimated from what?",
-        "Which standard deviations?",
+        "What does the estimate change?",
+        "How large is the noise?",
+        "Does the filter agree with the data?",
         "Do the starts agree?",
         "How do the methods compare?",
         "How was the estimate reached?",
-        "Does the filter agree with the data?",
+        "Which data and which methods?",
         "Which model?",
         "How can this be done again?",
         "On what did it run?",
     ]
+    contents = re.findall(r'<li><a href="#[a-z-]+">(.*?)</a></li>', written.html.read_text())
+    assert contents == headings
     assert re.findall(r"^## (.*)$", written.markdown.read_text(), flags=re.MULTILINE) == headings
 
 
@@ -151,9 +160,9 @@ def test_measured_study_without_truth(tmp_path):
     files = make_report(report_cases.measured(samples=120), tmp_path, ("html", "md", "csv"))
     text = visible(files.html.read_text())
     assert "implausible for a quantised sensor" in text
-    assert text.index("implausible") < text.index("What was estimated")
+    assert text.index("implausible") < text.index("What does the estimate change")
     assert "3 rows with repeated times were dropped" in text
-    assert "so was the covariance R" in text
+    assert "the covariance R of the measurement noise (qm1 [rad]" in text
     assert "true path" not in text
     assert "Do the starts agree" not in text
     assert "Means per method" not in text
