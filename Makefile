@@ -8,10 +8,10 @@ CONFIG ?= noiseid_cli/config/quickstart.yaml
 RUNS ?= runs
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo run simulate import estimate report test lint format bench clean
+.PHONY: help setup demo run simulate import estimate report test test-browser lint format bench clean
 
 help: ## List the targets
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  %-13s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 setup: $(READY) ## Make .venv with everything pinned in constraints.txt
 $(READY): pyproject.toml constraints.txt
@@ -39,6 +39,9 @@ report: $(READY) ## Make the report of CONFIG from its results
 
 test: $(READY) ## Run the tests
 	$(BIN)/python -m pytest
+
+test-browser: $(READY) ## Open the report in headless Chromium, where there is one
+	$(BIN)/python -m pytest -m browser tests/browser
 
 lint: $(READY) ## Check style, types and the import floors
 	$(BIN)/ruff check .

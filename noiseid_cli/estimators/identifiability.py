@@ -97,7 +97,7 @@ def sentences(found: Directions, figures: Sequence[Figure], may_be_zero: Sequenc
             ridges.append(told[-1])
             continue
         ridge = any(_is_ridge(f, step) for f, step in moved)
-        verb = "say little about" if ridge else "say least about" if not told else "next least about"
+        verb = "say little about" if ridge else "say least about" if not told else "say next least about"
         parts = _joined([f"{f.in_words()} ({_step(f, step)})" for f, step in moved])
         told.append(
             f"The data {verb} {parts}, moved by one standard error along one direction; they hold {_percent(share)} of "

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from noiseid_cli.models.recording import Array
 from noiseid_cli.outcome import UnitResult
-from noiseid_cli.report.build import MANY
+from noiseid_cli.report.diagnosis import output_cells
 from noiseid_cli.report.reading import (
     PLACES,
     At,
@@ -25,30 +25,36 @@ SAME_OPTIMUM = 0.1
 
 
 def consistency_table(study: Study) -> Table:
-    """NIS, whiteness and tails per output, at the start and at the estimate."""
-    units = study.results if len(study.results) <= MANY else best(study.results)
+    """NIS per output at the start, at the estimate and at the truth; whiteness, bands and tails at the estimate.
+
+    Of the best unit of each dataset and method.
+    """
+    units = best(study.results)
     truth = any("truth" in r.evaluations for r in units)
     columns = [Column("Unit"), Column("Output"), Column("NIS, start"), Column("NIS, estimate")]
     columns += [Column("NIS, truth")] if truth else []
-    columns += [Column("Ljung-Box p, start", digits=2), Column("Ljung-Box p, estimate", digits=2)]
-    columns += [Column("Excess kurtosis, estimate", digits=3)]
+    columns += [Column("In 95 % band", "%", digits=3), Column("Ljung-Box p", digits=2)]
+    columns += [Column("Strongest correlation", decimals=2), Column("at lag")]
+    columns += [Column("Excess kurtosis", digits=3), Column("Normality p", digits=2)]
     rows = []
     for r in units:
         for i, (name, _, _) in enumerate(r.output_names):
             nis = [_entry(r, at, "nis_output", i) for at in (PLACES if truth else PLACES[:2])]
-            whiteness = [_entry(r, at, "ljung_box", i) for at in PLACES[:2]]
-            rows.append((r.unit, name, *nis, *whiteness, _entry(r, "estimate", "kurtosis", i)))
+            found = evaluation(r, "estimate")
+            rest = output_cells(found, i)[1:] if found else (number(None, reason(r, "estimate")),) * 6
+            rows.append((r.unit, name, *nis, *rest))
     caption = (
         "NIS: mean squared innovation over its predicted variance, 1 for a consistent filter, above 1 for an "
-        "over-confident one. Ljung-Box p: small for innovations that are not white. Excess kurtosis: 0 for "
-        "Gaussian innovations, positive for heavy tails."
+        "over-confident one. All else at the estimate. Ljung-Box p: small for innovations that are not white. Excess "
+        "kurtosis: 0 for Gaussian innovations, positive for heavy tails. Normality p (Jarque and Bera): small for "
+        "innovations that are not Gaussian, and too small where they are not white."
     )
     filters = {r.method_label: found.filter for r in units if (found := evaluation(r, "estimate")) is not None}
     if set(filters.values()) - {"extended"}:
         caption += f" Filter: {'; '.join(f'{name} for {label}' for label, name in filters.items())}."
         caption += " Log-likelihoods of different filters are different approximations."
     if len(units) < len(study.results):
-        caption += f" Best unit of each method only; all {len(study.results)} are in results.csv."
+        caption += f" Of {len(study.results)} units the best of each method and dataset; results.csv holds all."
     return Table("consistency", "Innovations per output", caption, tuple(columns), tuple(rows), keys=2)
 
 

@@ -52,7 +52,7 @@ def problem_sentence(study: Study) -> str:
     text = f"From {'the output' if len(study.results[0].output_names) == 1 else 'the outputs'} {outputs}, "
     text += f"{_joined(moved)} {'were' if len(moved) > 1 or len(parameters) > 1 else 'was'} estimated." if moved else ""
     text = text if moved else f"From {outputs}, nothing moved from the values given."
-    return text + (f" {_joined(kept).capitalize()} kept the values given." if moved and kept else "")
+    return text + (f" {_joined(['T' + kept[0][1:], *kept[1:]])} kept the values given." if moved and kept else "")
 
 
 def _names(study: Study, which: Which) -> str:

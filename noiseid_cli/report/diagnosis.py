@@ -77,7 +77,7 @@ def output_table(cases: Sequence[Case], at: str) -> Table:
         Column("Normality p", digits=2),
     )
     rows = tuple(
-        (case.name, name, *_output_cells(case.evaluations[at], i))
+        (case.name, name, *output_cells(case.evaluations[at], i))
         for case in cases
         if at in case.evaluations
         for i, (name, _, _) in enumerate(case.outputs)
@@ -89,7 +89,8 @@ def output_table(cases: Sequence[Case], at: str) -> Table:
     return Table(f"innovations-{at}", f"Innovations per output, {at}", caption, columns, rows, keys=2)
 
 
-def _output_cells(e: Evaluation, i: int) -> tuple[Cell, ...]:
+def output_cells(e: Evaluation, i: int) -> tuple[Cell, ...]:
+    """NIS, share in the band, Ljung-Box p, strongest correlation and its lag, kurtosis, normality of output i."""
     rho = [(abs(float(v)), lag) for lag, v in enumerate(e.autocorrelation[:, i], 1) if math.isfinite(float(v))]
     why = "Not measured"
     strongest: tuple[Cell, Cell] = (Missing(why), Missing(why))

@@ -101,8 +101,8 @@ def best(results: list[UnitResult]) -> list[UnitResult]:
 
 
 def featured(results: list[UnitResult]) -> list[UnitResult]:
-    """All units where they are few, else the best ones."""
-    return list(results) if len(results) <= FEATURED else best(results)
+    """One or two units, else the best of each method and dataset."""
+    return list(results) if len(results) <= 2 else best(results)
 
 
 def covariance_unit(names: Names, i: int, j: int) -> str:

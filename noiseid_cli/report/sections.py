@@ -210,7 +210,6 @@ def _agreement(study: Study) -> tuple[Block, ...]:
             Bullets(tuple(diagnosis.verdict(case, "estimate"))),
         ]
     blocks += [diagnosis.overall_table(cases), agreement.consistency_table(study)]
-    blocks.append(diagnosis.output_table(cases, "estimate"))
     where = diagnosis.where_table(cases, "estimate")
     blocks += [where] if where else []
     return (*blocks, *(plot for plot in plots if plot))

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from noiseid_cli.outcome import UnitResult
 from noiseid_cli.report.study import Study
-from noiseid_cli.report.tables import Cell, Column, Table
+from noiseid_cli.report.tables import Cell, Column, Missing, Table
 
 
 def with_short_names(study: Study) -> Study:
@@ -40,7 +40,7 @@ def _short_names(results: list[UnitResult]) -> list[str]:
 
 
 def lean(table: Table, study: Study) -> Table:
-    """The table without columns that name what there is only one of, and without a kind that is always the same."""
+    """The table without columns that say nothing: the name of what there is only one of, one kind, no value at all."""
     width = len(table.columns)
     gone = {j for j in range(width) if _needless(table, study, j)}
     if not gone or len(gone) == width:
@@ -48,12 +48,23 @@ def lean(table: Table, study: Study) -> Table:
     kept = [j for j in range(width) if j not in gone]
     rows: tuple[tuple[Cell, ...], ...] = tuple(tuple(row[j] for j in kept) for row in table.rows)
     keys = max(1, table.keys - sum(j < table.keys for j in gone))
-    return replace(table, columns=tuple(table.columns[j] for j in kept), rows=rows, keys=keys)
+    caption = " ".join(filter(None, [table.caption, *(_absent(table, j) for j in sorted(gone))]))
+    return replace(table, columns=tuple(table.columns[j] for j in kept), rows=rows, keys=keys, caption=caption)
+
+
+def _absent(table: Table, j: int) -> str:
+    """Why a column of nothing but missing cells is left out; the reason is all that it says."""
+    only = table.rows[0][j]
+    return (
+        f"{table.columns[j].heading}: {only.reason[:1].lower()}{only.reason[1:]}." if isinstance(only, Missing) else ""
+    )
 
 
 def _needless(table: Table, study: Study, j: int) -> bool:
     if not table.rows or len({row[j] for row in table.rows}) > 1:
         return False
+    if j >= table.keys and (isinstance(table.rows[0][j], Missing) or table.rows[0][j] in ("", "–")):
+        return True
     heading, only = table.columns[j].heading, table.rows[0][j]
     if heading == "Unit":
         return len(study.results) == 1
