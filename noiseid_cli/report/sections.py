@@ -27,8 +27,8 @@ from noiseid_cli.report.figures_time import autocorrelation_plot, nis_plot, path
 from noiseid_cli.report.noise_units import noise_units_table
 from noiseid_cli.report.over_tests import approach_table, ensemble_plot
 from noiseid_cli.report.parameter_recovery import parameter_recovery
-from noiseid_cli.report.recovery import recovery_table
 from noiseid_cli.report.reading import best, converged
+from noiseid_cli.report.recovery import recovery_table
 from noiseid_cli.report.shown import lean, with_short_names
 from noiseid_cli.report.side_by_side import compared, side_by_side
 from noiseid_cli.report.study import Study
