@@ -68,8 +68,6 @@ def _needless(table: Table, study: Study, j: int) -> bool:
     heading, only = table.columns[j].heading, table.rows[0][j]
     if heading == "Unit":
         return len(study.results) == 1
-    if heading == "Method":
-        return j == 0 and table.keys > 1 and len({r.method_label for r in study.results}) == 1
     if heading in ("Dataset", "Replicate"):
         return j > 0
     return table.columns[j] == KIND and only == "estimated"
