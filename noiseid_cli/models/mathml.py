@@ -70,8 +70,11 @@ class _MathML(MathMLPresentationPrinter):  # type: ignore[misc]
         row, table = self.dom.createElement("mrow"), self.dom.createElement("mtable")
         for value, condition in expr.args:
             line = self.dom.createElement("mtr")
-            cells = [self._print(value), self.word("otherwise" if condition is true else "if", "mtext")]
-            cells += [] if condition is true else [self._print(condition)]
+            when = self.dom.createElement("mrow")
+            when.appendChild(self.word("otherwise" if condition is true else "if\u00a0", "mtext"))
+            if condition is not true:
+                when.appendChild(self._print(condition))
+            cells = [self._print(value), when]
             for cell in cells:
                 box = self.dom.createElement("mtd")
                 box.appendChild(cell)
