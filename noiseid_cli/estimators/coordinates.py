@@ -7,7 +7,7 @@ the whole line, so that no step can leave them.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -78,9 +78,7 @@ class Coordinates:
         noise = self.unknowns.unpack(z[:split], self.start) if self.has_noise else self.start
         if not self.at:
             return noise, self.model
-        vector = self.model.parameters.copy()
-        vector[list(self.at)] = self._back(z[split:])[0]
-        return noise, replace(self.model, parameters=vector)
+        return noise, self.model.with_parameters(self.at, self._back(z[split:])[0])
 
     def values(self, z: Array) -> tuple[Array, Array]:
         """(p,) unknown parameters at z, and (p,) their derivatives by their own coordinates."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -125,9 +125,7 @@ def state_columns(model: Model) -> Columns:
 
 def with_parameters(compiled: CompiledModel, model: Model, names: Sequence[str], values: Array) -> CompiledModel:
     """The compiled model with some of its parameters at other values."""
-    p = compiled.parameters.copy()
-    p[[list(model.values).index(name) for name in names]] = values
-    return replace(compiled, parameters=p)
+    return compiled.with_parameters([list(model.values).index(name) for name in names], values)
 
 
 def frozen_loglik(

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -59,6 +59,12 @@ class CompiledModel:
     performance: Callable[..., Any] | None
     performance_jacobian: Callable[..., Any] | None
     load_adjoints: Callable[[], Adjoints] | None = None
+
+    def with_parameters(self, places: Sequence[int], values: Array) -> CompiledModel:
+        """The same functions with the parameters at ``places`` at other values."""
+        p = self.parameters.copy()
+        p[list(places)] = values
+        return replace(self, parameters=p)
 
     @property
     def nx(self) -> int:

@@ -117,9 +117,8 @@ def _with(model: Model, found: Parameters, values: Array) -> Model:
 
 def compiled_at(context: Context, model: Model) -> CompiledModel:
     """The compiled model with the parameters of ``model``; what it holds beyond them stays."""
-    compiled = context.compiled
     own = model.vector
-    return replace(compiled, parameters=np.concatenate((own, compiled.parameters[len(own) :])))
+    return context.compiled.with_parameters(range(len(own)), own)
 
 
 def _true_noise(context: Context, dataset: Dataset, estimate: Estimate) -> NoiseValues:
