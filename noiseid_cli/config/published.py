@@ -44,13 +44,24 @@ class PublishedEstimates(Base):
     note: Text | None = Field(default=None, description="what a reader must know to compare")
 
 
+class PublishedClaim(Base):
+    """A claim of the source that was held against a run."""
+
+    claim: Text = Field(description="the claim")
+    found: Annotated[str, Field(min_length=1, max_length=1000)] = Field(
+        description="what a run of the shipped experiment found, with its number of seeds"
+    )
+
+
 class Published(Base):
     """A file of published figures."""
 
     source: Text = Field(description="where they are printed")
     tables: dict[Label, PublishedTable] = Field(default={}, description="the tables")
     estimates: PublishedEstimates | None = Field(default=None, description="estimates of scalar unknowns")
-    claims: tuple[Text, ...] = Field(default=(), strict=False, description="what the source claims, in sentences")
+    claims: tuple[Text | PublishedClaim, ...] = Field(
+        default=(), strict=False, description="what the source claims, in sentences, alone or as {claim, found}"
+    )
 
 
 def load_published(path: Path) -> Published:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from noiseid_cli.pipeline.context import Context
 
 if TYPE_CHECKING:
+    from noiseid_cli.config.published import Published
     from noiseid_cli.models.recording import Dataset
     from noiseid_cli.outcome import UnitResult
     from noiseid_cli.pipeline.unit import EstimateUnit
@@ -64,6 +65,13 @@ def _held(context: Context) -> tuple[float, float] | None:
     return simulated.trajectory.hold.begin, simulated.trajectory.hold.end
 
 
+def claim_sentences(published: Published) -> list[str]:
+    """What a source claims, each with what was found where that is written down."""
+    return [
+        c if isinstance(c, str) else f"{c.claim} Found by the shipped experiment: {c.found}" for c in published.claims
+    ]
+
+
 def published_facts(context: Context) -> tuple[list[PublishedFacts], PublishedEstimates | None, list[str]]:
     """Published tables and estimates to stand beside ours, and what their source claims."""
     from noiseid_cli.config.published import load_published
@@ -88,10 +96,10 @@ def published_facts(context: Context) -> tuple[list[PublishedFacts], PublishedEs
     ]
     own = published.estimates
     if own is None:
-        return facts, None, list(published.claims)
+        return facts, None, claim_sentences(published)
     methods = {label: {name: (v.value, v.error) for name, v in row.items()} for label, row in own.methods.items()}
     estimates = PublishedEstimates(own.title, methods, own.note or "", published.source)
-    return facts, estimates, list(published.claims)
+    return facts, estimates, claim_sentences(published)
 
 
 def named_at_point(result: UnitResult, unit: EstimateUnit) -> UnitResult:

@@ -116,7 +116,8 @@ def hold_table(study: Study) -> Table | None:
         return None
     columns = (
         Column("Method"), Column("Unknown"), Column("Seeds"), Column("Adapted", "%", decimals=1),
-        Column("Moved / truth, median"), Column("Largest / truth, min"), Column("max"),
+        Column("Moved / truth, median"), Column("Spread / truth"), Column("Moved less"),
+        Column("Largest / truth, min"), Column("Largest / truth, max"),
         Column("Settled after the hold", "s", digits=3),
     )  # fmt: skip
     rows = []
@@ -126,21 +127,27 @@ def hold_table(study: Study) -> Table | None:
             rows.append((method, name, f"{len(used)} / {len(same)}", *_hold_cells(used)))
     caption = (
         f"Over the hold from {INTO_HOLD:g} s into it, per seed. Adapted: share of that time in which the method adapts "
-        "the unknown. Moved: largest less smallest estimate. Largest: largest magnitude of the estimate. Settled: "
-        f"median time from the end of the hold after which the error stays within {BAND:.0%}."
+        "the unknown. Moved: largest less smallest estimate. Spread: standard deviation over the seeds of the estimate "
+        "with which that time begins; moved less: seeds that move by less than that. Largest: largest magnitude of the "
+        f"estimate. Settled: median time from the end of the hold after which the error stays within {BAND:.0%}."
     )
     return Table("hold", "Unknowns while the motion is held", caption, columns, tuple(rows), 2)
 
 
 def _hold_cells(used: list[tuple[Track, tuple[float, float]]]) -> tuple[Cell, ...]:
     if not used:
-        return (Missing("No seed converged"),) * 5
+        return (Missing("No seed converged"),) * 7
     adapted = [float(np.mean(t.gate[in_hold(t.at, h)])) for t, h in used]
     moved, largest = ([read(t, h) for t, h in used] for read in (_moved, _largest))
     back = [settling_time(t, h[1]) for t, h in used]
+    first = [_over_truth(t, h, lambda values: values[0]) for t, h in used]
+    spread = statistics.stdev(first) if len(first) > 1 and np.isfinite(first).all() else float("nan")
+    unknown = _UNKNOWN_TRUTH if len(first) > 1 else "Fewer than two seeds converged"
     return (
         100 * statistics.fmean(adapted),
         number(statistics.median(moved), _UNKNOWN_TRUTH),
+        number(spread, unknown),
+        Missing(unknown) if np.isnan(spread) else f"{sum(m < spread for m in moved)} / {len(moved)}",
         number(min(largest), _UNKNOWN_TRUTH),
         number(max(largest), _UNKNOWN_TRUTH),
         Missing(_UNKNOWN_TRUTH)

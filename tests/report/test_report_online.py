@@ -87,10 +87,19 @@ def test_drift_in_the_hold_and_the_way_back():
     free, gated = row(table, "asrukf", "mu"), row(table, "sb-asrukf", "mu")
     # Seeds: 6, 12 and 18 N m s/rad beyond the truth of 0.1.
     assert free["Largest / truth, min"] == pytest.approx(60.9, abs=0.1)
-    assert free["max"] == pytest.approx(180.9, abs=0.1)
+    assert free["Largest / truth, max"] == pytest.approx(180.9, abs=0.1)
     assert free["Adapted"] == 100.0
     assert gated["Adapted"] == pytest.approx(100 / 61)  # the last of 61 points is the end of the hold itself
-    assert gated["max"] == pytest.approx(0.5, abs=0.01)
+    assert gated["Largest / truth, max"] == pytest.approx(0.5, abs=0.01)
+    # The held friction starts alike in all seeds and moves at the last point only, which is the end of the hold.
+    at_begin = [cases.estimates("asrukf", seed)[cases.AT >= 9.0, 1][0] / 0.1 for seed in range(3)]
+    assert free["Spread / truth"] == pytest.approx(np.std(at_begin, ddof=1))
+    assert free["Moved less"] == "0 / 3"
+    mass = [cases.estimates("asrukf", seed)[(cases.AT >= 9.0) & (cases.AT <= 12.0), 2] for seed in range(3)]
+    spread = np.std([m[0] for m in mass], ddof=1)
+    less = sum(np.ptp(m) < spread for m in mass)
+    assert row(table, "asrukf", "m")["Moved less"] == f"{less} / 3"
+    assert less > 0
     assert gated["Settled after the hold"] == first_point_after(1.6094)
     assert hold_table(cases.study(held=None)) is None
     assert hold_table(cases.study(held=(30.0, 40.0))) is None  # after the end of the curves
