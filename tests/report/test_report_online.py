@@ -118,7 +118,7 @@ def test_sentences_say_what_the_tables_hold():
     failed = cases.study([cases.unit("asrukf", status="diverged")])
     assert tracking_sentences(failed) == ["asrukf: none of 1 seeds converged."]
     assert row(tracking_table(failed), "asrukf", "mu")["Bias"] == Missing("No seed converged")
-    assert row(hold_table(failed), "asrukf", "mu")["max"] == Missing("No seed converged")
+    assert row(hold_table(failed), "asrukf", "mu")["Largest / truth, max"] == Missing("No seed converged")
 
 
 def test_without_a_truth_no_error_is_made_up():
