@@ -2,6 +2,8 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+BENCH := .bench
+LETTERS ?= abcdefg
 READY := $(VENV)/.ready
 JOBS ?= 2
 CONFIG ?= noiseid_cli/config/quickstart.yaml
@@ -53,10 +55,17 @@ format: $(READY) ## Bring the code into the project's format
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-bench: $(READY) ## Time a pass of EM against the textbook form, and a step of the online filters
-	$(BIN)/python benchmarks/em_pass.py
-	$(BIN)/python benchmarks/adaptive_step.py
+bench: $(BENCH)/.ready ## Time noiseid and its peers side by side; LETTERS=ab takes some of a to g
+	OPENBLAS_NUM_THREADS=1 $(BENCH)/bin/python benchmarks/run.py $(LETTERS)
+
+$(BENCH)/.ready: pyproject.toml constraints.txt benchmarks/requirements.txt
+	$(PYTHON) -m venv $(BENCH)
+	$(BENCH)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable .
+	@grep -v '^#' benchmarks/requirements.txt | while read -r peer; do \
+	  $(BENCH)/bin/python -m pip install --quiet --disable-pip-version-check "$$peer" \
+	  || echo "$$peer cannot be installed here: its rows will say so"; done
+	@touch $@
 
 clean: ## Remove .venv, caches and runs
-	rm -rf $(VENV) $(RUNS) .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf $(VENV) $(BENCH) $(RUNS) .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

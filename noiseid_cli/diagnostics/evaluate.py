@@ -19,6 +19,7 @@ from noiseid_cli.filters.sigma_points import SigmaWeights
 from noiseid_cli.models.compiled import CompiledModel
 from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.models.recording import Array, Recording, head
+from noiseid_cli.models.threads import in_threads
 
 
 def evaluate(
@@ -44,7 +45,9 @@ def evaluate(
         FilterDivergedError: with test and sample.
     """
     begin = [0] * len(recordings) if first is None else list(first)
-    filtered = [gaussian_filter(model, recording, noise, i, weights) for i, recording in enumerate(recordings)]
+    filtered = in_threads(
+        lambda test: gaussian_filter(model, recordings[test], noise, test, weights), range(len(recordings))
+    )
     loglik = sum(f.loglik for f in filtered)
     for i, (recording, k) in enumerate(zip(recordings, begin, strict=True)):
         if k > 0:

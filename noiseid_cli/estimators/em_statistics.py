@@ -16,7 +16,7 @@ from noiseid_cli.estimators.measurement_moment import FILTERED, LINEARISATIONS, 
 from noiseid_cli.estimators.process_moment import process_filtered, process_smoothed
 from noiseid_cli.estimators.sigma_moments import measurement_sigma, process_sigma
 from noiseid_cli.filters.ekf import extended_kalman_filter
-from noiseid_cli.filters.linalg import upper_factor
+from noiseid_cli.filters.linalg import merge, upper_factor
 from noiseid_cli.filters.sigma_filter import sigma_point_filter
 from noiseid_cli.filters.sigma_points import SigmaWeights
 from noiseid_cli.filters.sigma_rows import pair_centre
@@ -25,6 +25,7 @@ from noiseid_cli.filters.smoother import extended_kalman_smoother
 from noiseid_cli.models.compiled import CompiledModel
 from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.models.recording import Array, Recording
+from noiseid_cli.models.threads import in_threads
 
 __all__ = ["FILTERED", "LINEARISATIONS", "SMOOTHED", "Statistics", "e_step"]
 
@@ -88,20 +89,28 @@ def e_step(
         EstimationError: the columns of F2 are linearly dependent somewhere.
         FilterDivergedError: the filter failed; with test and sample.
     """
-    gather = _Gather.empty(model, len(recordings))
     UR = upper_factor(noise.R, "the measurement noise covariance R")
-    for i, recording in enumerate(recordings):
+
+    def smooth(test: int) -> _Gather:
+        own = _Gather.empty(model)
         if weights is None:
-            _extended(gather, model, recording, noise, UR, i, linearisation, block_of)
+            _extended(own, model, recordings[test], noise, UR, test, linearisation, block_of)
         else:
-            _sigma_points(gather, model, recording, noise, UR, i, weights, block_of)
-    g = gather
-    return Statistics(g.loglik, g.U_v, g.steps, g.U_e, g.samples, g.m_first, g.U_first, g.singular)
+            _sigma_points(own, model, recordings[test], noise, UR, test, weights, block_of)
+        return own
+
+    # Each test has sums of its own, which are added up in order: any number of threads gives the same bits.
+    found = in_threads(smooth, range(len(recordings)))
+    total = found[0]
+    for own in found[1:]:
+        total.join(own)
+    m_first, U_first = np.array([own.m_first for own in found]), np.array([own.U_first for own in found])
+    return Statistics(total.loglik, total.U_v, total.steps, total.U_e, total.samples, m_first, U_first, total.singular)
 
 
 @dataclass
 class _Gather:
-    """The sums of ``Statistics`` while they grow."""
+    """The sums of ``Statistics`` over one test, while they grow."""
 
     U_v: Array
     U_e: Array
@@ -113,17 +122,24 @@ class _Gather:
     singular: int = 0
 
     @classmethod
-    def empty(cls, model: CompiledModel, tests: int) -> _Gather:
+    def empty(cls, model: CompiledModel) -> _Gather:
         nx, nv, ny = model.nx, model.nv, model.ny
-        return cls(
-            np.zeros((nv, nv)), np.zeros((ny, ny)), np.zeros(ny), np.empty((tests, nx)), np.empty((tests, nx, nx))
-        )
+        return cls(np.zeros((nv, nv)), np.zeros((ny, ny)), np.zeros(ny), np.empty(nx), np.empty((nx, nx)))
 
-    def add(self, test: int, loglik: float, singular: int, m: Array, U: Array) -> None:
+    def add(self, loglik: float, singular: int, m: Array, U: Array) -> None:
         self.loglik += loglik
         self.singular += singular
         self.steps += len(m) - 1
-        self.m_first[test], self.U_first[test] = m[0], U[0]
+        self.m_first, self.U_first = m[0].copy(), U[0].copy()
+
+    def join(self, other: _Gather) -> None:
+        """Take in the sums of another test."""
+        self.loglik += other.loglik
+        self.singular += other.singular
+        self.steps += other.steps
+        self.samples += other.samples
+        merge(self.U_v, other.U_v)
+        merge(self.U_e, other.U_e)
 
 
 Blocks = np.ndarray[tuple[int], np.dtype[np.int64]]
@@ -136,7 +152,7 @@ def _extended(
     """Add one test, by the extended Kalman smoother."""
     filtered = extended_kalman_filter(model, recording, noise, test)
     smoothed = extended_kalman_smoother(filtered, noise.Q)
-    gather.add(test, filtered.loglik, smoothed.singular, smoothed.m, smoothed.U)
+    gather.add(filtered.loglik, smoothed.singular, smoothed.m, smoothed.U)
     dt, u, y = (np.ascontiguousarray(a) for a in (recording.dt, recording.u, recording.y))
     if linearisation == FILTERED:
         process_filtered(filtered.m_pred, smoothed.m, smoothed.U, smoothed.gain, smoothed.C, gather.U_v)
@@ -160,7 +176,7 @@ def _sigma_points(
     """Add one test, by the sigma-point smoother."""
     filtered = sigma_point_filter(model, recording, noise, weights, test)
     smoothed = sigma_point_smoother(filtered)
-    gather.add(test, filtered.loglik, filtered.singular, smoothed.m, smoothed.U)
+    gather.add(filtered.loglik, filtered.singular, smoothed.m, smoothed.U)
     centre = pair_centre(weights, model.nx)
     dt, u, y = (np.ascontiguousarray(a) for a in (recording.dt, recording.u, recording.y))
     dependent = process_sigma(

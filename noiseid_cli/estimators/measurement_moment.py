@@ -8,7 +8,7 @@ import numpy as np
 from numba import types
 
 from noiseid_cli.filters.ekf import cube
-from noiseid_cli.filters.linalg import absorb, triangularise
+from noiseid_cli.filters.linalg import absorb, rows_of, triangularise
 from noiseid_cli.models.jit import kernel, routine
 from noiseid_cli.models.signatures import OutputJacobian, matrix, vector
 
@@ -128,14 +128,12 @@ def measurement(  # type: ignore[no-untyped-def]
         else:
             output_jacobian(m[k], u[k], p, y_hat, H)
         any_seen = False
+        rows_of(U[k], H, 0, ny, E, 0, 0)
         for i in range(ny):
             seen[i] = not math.isnan(y[k, i])
             any_seen = any_seen or seen[i]
-            for r in range(n):
-                total = 0.0
-                for j in range(r, n):
-                    total += U[k, r, j] * H[i, j]
-                E[r, i] = total if seen[i] else 0.0
+            if not seen[i]:
+                E[:n, i] = 0.0
             E[n, i] = y[k, i] - y_hat[i] if seen[i] else 0.0
         if not any_seen:
             continue

@@ -6,9 +6,9 @@ import numpy as np
 from numba import types
 
 from noiseid_cli.filters.ekf import cube
-from noiseid_cli.filters.linalg import absorb, left_solve
+from noiseid_cli.filters.linalg import absorb, left_solve, rows_of
 from noiseid_cli.models.discretisation import transition, workspace
-from noiseid_cli.models.jit import kernel
+from noiseid_cli.models.jit import kernel, routine
 from noiseid_cli.models.signatures import DriftJacobian, matrix, vector
 
 
@@ -36,6 +36,19 @@ def process_filtered(m_pred, m, U, gain, C, U_v):  # type: ignore[no-untyped-def
         absorb(U_v, rows + n + 1, W, w)
 
 
+@routine
+def remainder(J, X, D):  # type: ignore[no-untyped-def]
+    """Write I - J X to D, of X the first rows."""
+    n = np.uint64(D.shape[0])
+    for i in range(n):
+        for c in range(n):
+            D[i, c] = 1.0 if i == c else 0.0
+        for j in range(n):
+            a = J[i, j]
+            for c in range(n):
+                D[i, c] -= a * X[j, c]
+
+
 @kernel(
     types.int64(types.int64, DriftJacobian, vector, vector, matrix, matrix, cube, cube, cube, matrix),
 )  # fmt: skip
@@ -55,6 +68,7 @@ def process_smoothed(scheme, drift_jacobian, p, dt, u, m, U, gain, C, U_v):  # t
     J1 = np.empty((n, n))
     F2 = np.empty((n, nv))
     work = workspace(n, nv)
+    D, V = np.empty((n, n)), np.empty((n, n))
     L = np.empty((n, nv + total_rows))
     w = np.empty(nv + total_rows)
     W = np.empty((nv + total_rows, nv))
@@ -69,17 +83,12 @@ def process_smoothed(scheme, drift_jacobian, p, dt, u, m, U, gain, C, U_v):  # t
                     total -= C[k, r, j] * J1[i, j]
                 L[i, nv + r] = total
             L[i, nv + rows + n] = m[k + 1, i] - x_next[i]
-        # I - J1 X, then its rows through U_{k+1}.
+        # U_{k+1} (I - J1 X)'.
+        remainder(J1, gain[k], D)
+        rows_of(U[k + 1], D, 0, n, V, 0, 0)
         for i in range(n):
-            for c in range(n):
-                w[c] = 1.0 if i == c else 0.0
-                for j in range(n):
-                    w[c] -= J1[i, j] * gain[k, j, c]
             for r in range(n):
-                total = 0.0
-                for j in range(r, n):
-                    total += U[k + 1, r, j] * w[j]
-                L[i, nv + rows + r] = total
+                L[i, nv + rows + r] = V[r, i]
         if not left_solve(L, nv, nv + total_rows, W[nv:], w):
             return k
         absorb(U_v, total_rows, W, w)

@@ -14,7 +14,7 @@ import numpy as np
 from numba import types
 
 from noiseid_cli.errors import NoiseidError
-from noiseid_cli.filters.linalg import triangularise, upper_factor
+from noiseid_cli.filters.linalg import rows_of, triangularise, upper_factor
 from noiseid_cli.models.compiled import CompiledModel
 from noiseid_cli.models.discretisation import transition, workspace
 from noiseid_cli.models.jit import kernel, routine
@@ -159,11 +159,7 @@ def update(m, U, H, innovation, UR, m_out, U_out, W, w, e):  # type: ignore[no-u
             continue
         for r in range(ny):
             W[r, q] = UR[r, i]
-        for r in range(n):
-            total = 0.0
-            for c in range(r, n):
-                total += U[r, c] * H[i, c]
-            W[ny + r, q] = total
+        rows_of(U, H, i, 1, W, ny, q)
         e[q] = innovation[i]
         q += 1
     for c in range(n):
@@ -223,17 +219,8 @@ def predict(U, F, G, UQ, U_out, W, w):  # type: ignore[no-untyped-def]
         W, w: scratch (n + nv, n), (n,).
     """
     n, nv = G.shape
-    for c in range(n):
-        for r in range(n):
-            total = 0.0
-            for j in range(r, n):
-                total += U[r, j] * F[c, j]
-            W[r, c] = total
-        for r in range(nv):
-            total = 0.0
-            for j in range(r, nv):
-                total += UQ[r, j] * G[c, j]
-            W[n + r, c] = total
+    rows_of(U, F, 0, n, W, 0, 0)
+    rows_of(UQ, G, 0, n, W, n, 0)
     triangularise(W, n + nv, n, n, w)
     for r in range(n):
         for c in range(n):

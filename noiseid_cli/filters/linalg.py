@@ -10,10 +10,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numba import types
 from numpy.typing import NDArray
 
 from noiseid_cli.errors import EstimationError
-from noiseid_cli.models.jit import routine
+from noiseid_cli.models.jit import kernel, routine
+from noiseid_cli.models.signatures import matrix
 
 EPS = float(np.finfo(float).eps)
 
@@ -24,36 +26,51 @@ def reflect(A, r, j, rows, columns, w):  # type: ignore[no-untyped-def]
 
     Columns j + 1 and on are carried along (Golub & Van Loan, Matrix Computations, 5.1; the sign rule is Parlett's).
     """
+    # Of unsigned indices numba knows that they do not count from the end: the loops become twice as fast.
+    r, j, end, width, one = np.uint64(r), np.uint64(j), np.uint64(rows), np.uint64(columns), np.uint64(1)
     below = 0.0
-    for i in range(r + 1, rows):
+    for i in range(r + one, end):
         below += A[i, j] * A[i, j]
     pivot = A[r, j]
     if below == 0.0:
         if pivot < 0.0:
-            for k in range(j, columns):
+            for k in range(j, width):
                 A[r, k] = -A[r, k]
         return
     norm = math.sqrt(pivot * pivot + below)
     v0 = pivot - norm if pivot <= 0.0 else -below / (pivot + norm)
     tau = 2.0 * v0 * v0 / (below + v0 * v0)
-    for k in range(j + 1, columns):
+    scale = 1.0 / v0
+    for k in range(j + one, width):
         w[k] = A[r, k]
-    for i in range(r + 1, rows):
-        if A[i, j] != 0.0:
-            v = A[i, j] / v0
-            A[i, j] = v
-            for k in range(j + 1, columns):
+    for i in range(r + one, end):
+        v = scale * A[i, j]
+        A[i, j] = v
+        if v != 0.0:
+            for k in range(j + one, width):
                 w[k] += v * A[i, k]
     A[r, j] = norm
-    for k in range(j + 1, columns):
+    for k in range(j + one, width):
         w[k] *= tau
         A[r, k] -= w[k]
-    for i in range(r + 1, rows):
-        if A[i, j] != 0.0:
-            v = A[i, j]
+    for i in range(r + one, end):
+        v = A[i, j]
+        if v != 0.0:
             A[i, j] = 0.0
-            for k in range(j + 1, columns):
+            for k in range(j + one, width):
                 A[i, k] -= v * w[k]
+
+
+@routine
+def rows_of(U, A, first, count, W, row, column):  # type: ignore[no-untyped-def]
+    """Write U A' to W from (row, column) on, for ``count`` rows of A from ``first`` on; U is upper-triangular."""
+    n, first, row, column = np.uint64(U.shape[0]), np.uint64(first), np.uint64(row), np.uint64(column)
+    for c in range(np.uint64(count)):
+        for r in range(n):
+            total = 0.0
+            for j in range(r, n):
+                total += U[r, j] * A[first + c, j]
+            W[row + r, column + c] = total
 
 
 @routine
@@ -148,6 +165,15 @@ def absorb(total, rows, W, w):  # type: ignore[no-untyped-def]
     for r in range(p):
         for c in range(p):
             total[r, c] = W[r, c]
+
+
+@kernel(types.void(matrix, matrix))
+def merge(total, other):  # type: ignore[no-untyped-def]
+    """Triangularise [total; other] back into the upper factor ``total`` (p, p)."""
+    p = total.shape[0]
+    W = np.empty((2 * p, p))
+    W[p:] = other
+    absorb(total, p, W, np.empty(p))
 
 
 def upper_factor(P: NDArray[np.float64], what: str) -> NDArray[np.float64]:

@@ -18,7 +18,7 @@ import numpy as np
 from numba import types
 
 from noiseid_cli.filters.ekf import Filtered, cube
-from noiseid_cli.filters.linalg import echelon, triangularise, upper_factor
+from noiseid_cli.filters.linalg import echelon, rows_of, triangularise, upper_factor
 from noiseid_cli.models.jit import kernel, routine
 from noiseid_cli.models.recording import Array
 from noiseid_cli.models.signatures import matrix
@@ -89,21 +89,15 @@ def backward_gain(U, F, G, UQ, gain, C, W, pivot_column, w):  # type: ignore[no-
     Returns the rank of the predicted covariance.
     """
     n, nv = G.shape
+    rows_of(U, F, 0, n, W, 0, 0)
+    rows_of(UQ, G, 0, n, W, n, 0)
     for r in range(n):
         for c in range(n):
-            total = 0.0
-            for j in range(r, n):
-                total += U[r, j] * F[c, j]
-            W[r, c] = total
             W[r, n + c] = U[r, c] if r <= c else 0.0
         for c in range(nv):
             W[r, 2 * n + c] = 0.0
     for r in range(nv):
         for c in range(n):
-            total = 0.0
-            for j in range(r, nv):
-                total += UQ[r, j] * G[c, j]
-            W[n + r, c] = total
             W[n + r, n + c] = 0.0
         for c in range(nv):
             W[n + r, 2 * n + c] = UQ[r, c]
@@ -113,13 +107,17 @@ def backward_gain(U, F, G, UQ, gain, C, W, pivot_column, w):  # type: ignore[no-
             C[r, c] = W[rank + r, n + c] if rank + r < n + nv else 0.0
     # Back-substitution over the pivot columns: gain' = W[:, :n]^-1 W[:, n:].
     gain[:] = 0.0
-    for i in range(rank - 1, -1, -1):
-        pivot = pivot_column[i]
-        for j in range(n + nv):
-            total = W[i, n + j]
-            for c in range(i + 1, rank):
-                total -= W[i, pivot_column[c]] * gain[j, pivot_column[c]]
-            gain[j, pivot] = total / W[i, pivot]
+    one, end = np.uint64(1), np.uint64(rank)
+    for back in range(rank):
+        i = np.uint64(rank - 1 - back)
+        pivot = np.uint64(pivot_column[i])
+        scale = 1.0 / W[i, pivot]
+        for j in range(np.uint64(n + nv)):
+            total = W[i, np.uint64(n) + j]
+            for c in range(i + one, end):
+                other = np.uint64(pivot_column[c])
+                total -= W[i, other] * gain[j, other]
+            gain[j, pivot] = scale * total
     return rank
 
 
@@ -151,14 +149,10 @@ def _smooth(m_pred, m_filt, U_filt, F, G, UQ, m, U, gain, C):  # type: ignore[no
             m[k, i] = m_filt[k, i]
             for j in range(n):
                 m[k, i] += gain[k, i, j] * (m[k + 1, j] - m_pred[k + 1, j])
-        for c in range(n):
-            for r in range(rows):
+        for r in range(rows):
+            for c in range(n):
                 W[r, c] = C[k, r, c]
-            for r in range(n):
-                total = 0.0
-                for j in range(r, n):
-                    total += U[k + 1, r, j] * gain[k, c, j]
-                W[rows + r, c] = total
+        rows_of(U[k + 1], gain[k], 0, n, W, rows, 0)
         triangularise(W, rows + n, n, n, w)
         for r in range(n):
             for c in range(n):

@@ -11,6 +11,7 @@ from collections.abc import Generator, Sequence
 from contextlib import closing, nullcontext, suppress
 
 from noiseid_cli.errors import DataError
+from noiseid_cli.models.threads import use_threads
 from noiseid_cli.pipeline.cluster import LOCAL, on_cluster
 from noiseid_cli.pipeline.context import Context
 from noiseid_cli.pipeline.making import Listener, Token, Unit, found, make
@@ -35,7 +36,8 @@ def run_units(
         stage: name of the stage, for the listener.
         units: what to make, in order.
         listener: is told what goes on.
-        jobs: number of processes; 1 works in this one, unless there is a time limit.
+        jobs: number of processes; 1 works in this one, unless there is a time limit. Where there are fewer
+            units, each works on several tests at once.
         force: make units anew that are there.
         wait: wait for a run that is at work in the same folder.
         dask: address of a dask scheduler that makes them, or ``local``; empty for processes of this machine.
@@ -101,9 +103,9 @@ def _run(
     if dask and todo:
         at_work = on_cluster(context, todo, listener, dask, jobs)
     elif workers > 1 or (todo and time_limit is not None):
-        at_work = in_processes(context, todo, listener, workers, time_limit)
+        at_work = in_processes(context, todo, listener, workers, time_limit, jobs // workers)
     else:
-        at_work = _here(context, todo, listener)
+        at_work = _here(context, todo, listener, jobs)
     # Closed at once when the run is interrupted: worker processes end with it.
     by_name = {unit.name: unit for unit in todo}
     with closing(at_work):
@@ -127,6 +129,8 @@ def _keep_record(context: Context, unit: Unit, token: Token) -> None:
             forget_failure(unit.path)
 
 
-def _here(context: Context, units: Sequence[Unit], listener: Listener) -> Generator[Token]:
+def _here(context: Context, units: Sequence[Unit], listener: Listener, threads: int) -> Generator[Token]:
     for unit in units:
-        yield make(context, unit, listener)
+        with use_threads(threads):
+            token = make(context, unit, listener)
+        yield token

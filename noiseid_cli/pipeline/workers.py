@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from noiseid_cli.errors import DataError, NoiseidError
+from noiseid_cli.models.threads import use_threads
 from noiseid_cli.pipeline.context import Context, Say, open_experiment
 from noiseid_cli.pipeline.kernels import Compiled
 from noiseid_cli.pipeline.making import Listener, Token, Unit, make
@@ -101,7 +102,7 @@ class _Teller:
         self._pipe.send(("say", sentence))
 
 
-def _work(recipe: Recipe, pipe: Connection) -> None:
+def _work(recipe: Recipe, pipe: Connection, threads: int) -> None:
     """Life of a worker: take a unit, make it, tell the end."""
     teller = _Teller(pipe)
     context: Context | None = None
@@ -111,7 +112,9 @@ def _work(recipe: Recipe, pipe: Connection) -> None:
             unit: Unit = pipe.recv()
             try:
                 context = context or recipe.open(teller.say)
-                teller.end(make(context, unit, teller))
+                with use_threads(threads):
+                    token = make(context, unit, teller)
+                teller.end(token)
             except NoiseidError as error:
                 teller.end(Token(unit.name, unit.path, "failed", str(error)))
             except (BrokenPipeError, ConnectionResetError):
@@ -131,7 +134,12 @@ class _Worker:
 
 
 def in_processes(
-    context: Context, units: Sequence[Unit], listener: Listener, workers: int, time_limit: float | None = None
+    context: Context,
+    units: Sequence[Unit],
+    listener: Listener,
+    workers: int,
+    time_limit: float | None = None,
+    threads: int = 1,
 ) -> Generator[Token]:
     """Make units in worker processes; tokens come in the order in which the units end.
 
@@ -143,6 +151,7 @@ def in_processes(
         listener: is told what goes on.
         workers: number of processes.
         time_limit: longest time from the hand-over of a unit to its end, s; None: no limit.
+        threads: so many tests of a unit may be worked on at once, in each.
 
     Raises:
         WorkerError: a bug showed in a worker.
@@ -156,7 +165,7 @@ def in_processes(
         while waiting or crew:
             room = 1 if time.monotonic() < alone_until else workers
             while waiting and len(crew) < room:
-                crew.append(_hire(recipe, waiting.popleft()))
+                crew.append(_hire(recipe, waiting.popleft(), threads))
             due = [alone_until] if room < workers else []
             due += [worker.since + time_limit for worker in crew] if time_limit is not None else []
             patience = max(0.0, min(due) - time.monotonic()) if due else None
@@ -228,11 +237,11 @@ def _bury(worker: _Worker, deaths: int) -> Token | None:
     return Token(unit.name, unit.path, "failed", message, tries=deaths)
 
 
-def _hire(recipe: Recipe, unit: Unit) -> _Worker:
+def _hire(recipe: Recipe, unit: Unit, threads: int) -> _Worker:
     """Start a worker on its first unit."""
     spawn = multiprocessing.get_context("spawn")
     ours, theirs = spawn.Pipe()
-    process = spawn.Process(target=_work, args=(recipe, theirs), daemon=True)
+    process = spawn.Process(target=_work, args=(recipe, theirs, threads), daemon=True)
     with _interrupts_blocked():
         process.start()
     theirs.close()

@@ -1,5 +1,7 @@
 """The E-step against the paper's stacked state, the dense Gaussian, and Fisher's identity."""
 
+from dataclasses import fields
+
 import numpy as np
 import pytest
 from dense_gaussian import dense_posterior
@@ -12,6 +14,7 @@ from noiseid_cli.estimators.em_statistics import FILTERED, SMOOTHED, e_step
 from noiseid_cli.models.linear import linear_model
 from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.models.recording import Recording
+from noiseid_cli.models.threads import use_threads
 
 BOTH = pytest.mark.parametrize("linearisation", [SMOOTHED, FILTERED])
 
@@ -131,3 +134,13 @@ def test_linearisations_agree_where_the_model_is_nearly_linear(seed):
     model, noise, recordings = pendulum_case(seed, q=0.02, r=(0.001, 0.02))
     a, b = (e_step(model, recordings, noise, kind).moment_v for kind in (SMOOTHED, FILTERED))
     assert 0.0 < abs(a[0, 0] - b[0, 0]) < 1e-2 * a[0, 0]
+
+
+def test_threads_change_no_bit():
+    case = random_case(2, 3, 2, 3, lengths=(8, 13, 5, 9, 6), missing=0.3)
+    blocks = np.zeros(3, dtype=np.int64)
+    one = e_step(case.model, case.recordings, case.noise, block_of=blocks)
+    with use_threads(3):
+        three = e_step(case.model, case.recordings, case.noise, block_of=blocks)
+    for field in fields(one):
+        assert np.array_equal(getattr(one, field.name), getattr(three, field.name)), field.name
