@@ -100,11 +100,51 @@ def observed_information(
     return information_at(likelihood, coordinates.pack(noise, model.parameters[list(at)]))
 
 
-def information_at(likelihood: Likelihood, z: Array) -> Information:
-    """Observed information at the point z of a likelihood."""
+def marginal_information(
+    model: CompiledModel,
+    recordings: Sequence[Recording],
+    noise: NoiseValues,
+    unknowns: Unknowns,
+    parameters: ParameterUnknowns | None = None,
+    at: Sequence[int] = (),
+    steps: Array | None = None,
+) -> Array:
+    """Observed information of the noise values where the model's parameters are unknown too: I_nn - I_np I_pp^-1 I_pn.
+
+    Args:
+        model, recordings, noise, unknowns, parameters, at: as in ``observed_information``.
+        steps: (d,) steps of the differences in the coordinates of the noise values; chosen by the curvature if None.
+
+    Returns:
+        (d, d) symmetric, in the coordinates of ``Unknowns.pack``.
+
+    Raises:
+        LinAlgError: the data do not determine the parameters; hold those.
+    """
+    coordinates = Coordinates(unknowns, noise, model, parameters or ParameterUnknowns(), tuple(at))
+    likelihood = Likelihood(coordinates, recordings)
+    z = coordinates.pack(noise, model.parameters[list(at)])
+    d = z.size - len(coordinates.parameters)
+    given = np.full(z.size, np.nan)
+    given[:d] = np.nan if steps is None else steps
+    matrix = information_at(likelihood, z, given).matrix
+    if d == z.size:
+        return matrix
+    np.linalg.cholesky(matrix[d:, d:])
+    own: Array = matrix[:d, :d] - matrix[:d, d:] @ np.linalg.solve(matrix[d:, d:], matrix[d:, :d])
+    return 0.5 * (own + own.T)
+
+
+def information_at(likelihood: Likelihood, z: Array, steps: Array | None = None) -> Information:
+    """Observed information at the point z of a likelihood; ``steps`` (d,) are chosen where they are NaN or None."""
     before = likelihood.passes
     visited = len(likelihood.visited)
-    rows = np.array([_row(likelihood, z, i) for i in range(z.size)]).reshape(z.size, z.size)
+    given = np.full(z.size, np.nan) if steps is None else steps
+    found = [
+        _row(likelihood, z, i) if np.isnan(step) else _difference(likelihood, z, i, float(step))
+        for i, step in enumerate(given)
+    ]
+    rows = np.array(found).reshape(z.size, z.size)
     # Probes are no steps of a search.
     del likelihood.visited[visited:]
     names = likelihood.coordinates.names

@@ -43,6 +43,7 @@ def uncertainty(
     level: float = 0.95,
     options: EmOptions | None = None,
     progress: Callable[[int, int], None] | None = None,
+    observed: Callable[[Array], Array] | None = None,
 ) -> Uncertainty:
     """Standard errors of a maximum-likelihood estimate.
 
@@ -53,6 +54,8 @@ def uncertainty(
         level: confidence level of the intervals, between 0 and 1.
         options: of the EM that the estimate is from, of which the smoother counts; default: the extended one.
         progress: called with the number of passes done and of all, of which there are 2 d + 1.
+        observed: gives the (d, d) observed information in place of the score's, from (d,) steps of its differences:
+            that of the filter's own log-likelihood, as ``observed_information.marginal_information`` does.
 
     Raises:
         FilterDivergedError: the filter fails at the estimate, or a fraction of a standard error beside it.
@@ -65,14 +68,17 @@ def uncertainty(
     free = np.diag(here.complete) > 0.0
     steps = np.minimum(STEP / np.sqrt(np.where(free, np.diag(here.complete), 1.0)), LARGEST_STEP)
     sides: list[tuple[Score, Score]] = []
-    for a in range(len(z)):
+    for a in range(len(z) if observed is None else 0):
         moved = [unknowns.unpack(z + sign * steps[a] * np.eye(len(z))[a], noise) for sign in (-1.0, 1.0)]
         low, high = (score(model, recordings, point, unknowns, weights) for point in moved)
         sides.append((low, high))
         if progress is not None:
             progress(2 * a + 3, 2 * len(z) + 1)
-    raw = np.array([(low.gradient - high.gradient) / (2.0 * h) for (low, high), h in zip(sides, steps, strict=True)])
-    information = 0.5 * (raw + raw.T)
+    if observed is None:
+        raw = np.array([(low.gradient - high.gradient) / (2 * h) for (low, high), h in zip(sides, steps, strict=True)])
+        information = 0.5 * (raw + raw.T)
+    else:
+        information = observed(steps)
     gone = free & _gone_pivots(unknowns, noise)
     kept = free & ~gone
     found = _solve(information, here.complete, kept)
@@ -85,7 +91,8 @@ def uncertainty(
         found = _solve(information, here.complete, kept)
         held = "The standard errors of the others hold at its estimate what may be zero."
     told, ridges = sentences(found, shown, [_at_zero(f, zeros) for f in shown])
-    remarks = [*ridges, *_boundary_remarks(unknowns, noise, gone), *_linearisation(here, sides, steps, found, kept)]
+    remarks = [*ridges, *_boundary_remarks(unknowns, noise, gone)]
+    remarks += _linearisation(here, sides, steps, found, kept) if observed is None else []
     remarks += [held] if held else []
     labels = _labels(model, unknowns, noise)
     rows = [_row(figure, found, zeros, level) for figure in shown]

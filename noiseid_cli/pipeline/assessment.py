@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from noiseid_cli.config.method_base import MethodOptions
     from noiseid_cli.config.schema_estimate import Estimate as Section
     from noiseid_cli.estimators.estimate import Estimate, Uncertainty
-    from noiseid_cli.models.recording import Dataset
+    from noiseid_cli.models.recording import Array, Dataset
     from noiseid_cli.pipeline.methods import Task
 
 ASSESSED = ("converged", "max_passes", "stalled_fixed_point")
@@ -67,11 +67,38 @@ def assess_uncertainty(
                 f"no standard errors: {name} does not maximise the likelihood, whose curvature gives them; "
                 "`uncertainty: {method: bootstrap}` does without",
             )
+        if name == "ml":
+            return _of_ml(task, estimate, choice.level), ()
         own = em.EmOptions(**task.options) if name == "em" else None
-        found = uncertainty(task.model, task.recordings, estimate.final, task.unknowns, choice.level, own)
-        if len(task.parameters):
-            held = "These standard errors hold the model's parameters at their estimates."
-            found = replace(found, remarks=(*found.remarks, held))
-        return found, ()
+        return uncertainty(task.model, task.recordings, estimate.final, task.unknowns, choice.level, own), ()
     except (NoiseidError, np.linalg.LinAlgError) as error:
         return None, (f"no standard errors: {error}",)
+
+
+def _of_ml(task: Task, estimate: Estimate, level: float) -> Uncertainty:
+    """Standard errors of the noise values from the exact gradient, with the parameters as unknown as they were."""
+    import numpy as np
+
+    from noiseid_cli.estimators.observed_information import marginal_information
+    from noiseid_cli.estimators.uncertainty import uncertainty
+    from noiseid_cli.estimators.unknowns import ParameterUnknowns
+
+    free = task.parameters
+    held: tuple[str, ...] = ()
+    if estimate.parameters is not None and estimate.parameters.standard_errors is not None:
+        known = np.isfinite(estimate.parameters.standard_errors)
+        held = tuple(np.array(free.names)[~known])
+        free = ParameterUnknowns(
+            tuple(np.array(free.names)[known]), estimate.parameters.final[known], free.lower[known], free.upper[known]
+        )
+    order = [p.name for p in task.equations.parameters]
+    at = [order.index(name) for name in free.names]
+    problem = (task.model, task.recordings, estimate.final, task.unknowns)
+
+    def observed(steps: Array) -> Array:
+        return marginal_information(*problem, free, at, steps)
+
+    found = uncertainty(*problem, level, observed=observed)
+    if held:
+        found = replace(found, remarks=(*found.remarks, f"The standard errors of the noise hold {', '.join(held)}."))
+    return found

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from noiseid_cli.models.recording import Array
 from noiseid_cli.outcome import UnitResult
 from noiseid_cli.report.diagnosis import output_cells
@@ -22,6 +24,9 @@ from noiseid_cli.report.tables import Cell, Column, Missing, Table, number
 
 SAME_OPTIMUM = 0.1
 """Ends this close in log-likelihood are called the same: the data cannot tell them apart."""
+
+NAMED = 5
+"""At most so many starts are named in a sentence."""
 
 
 def consistency_table(study: Study) -> Table:
@@ -109,7 +114,22 @@ def start_sentences(study: Study) -> list[str]:
         text = f"{method}: the starts end at the same optimum{where}" if same else f"{method}: the starts end apart"
         text += f"; the largest spread of log-likelihood is {worst:.3g}."
         out.append(text + (f" {failed} that did not converge are left out." if failed else ""))
+        out += [told for units in groups if (told := _elsewhere(units))]
     return out
+
+
+def _elsewhere(units: list[UnitResult]) -> str:
+    """Which starts of one dataset ended below the best, the farthest first, and which did not converge."""
+    used = [u for u in units if converged(u)]
+    top = max((loglik(u, "estimate") for u in used), default=math.nan)
+    below = sorted((loglik(u, "estimate") - top, u.start_label) for u in used)
+    parts = [f"{label} ({gap:.3g})" for gap, label in below if gap < -SAME_OPTIMUM]
+    shown = parts[:NAMED] + ([f"{len(parts) - NAMED} more"] if len(parts) > NAMED else [])
+    told = f"these starts ended below the best: {', '.join(shown)}" if parts else ""
+    failed = [f"{u.start_label} ({u.estimate.status})" for u in units if not converged(u)]
+    others = f"these did not converge: {', '.join(failed[:NAMED])}" if failed else ""
+    where = f"{units[0].method_label} on {units[0].dataset}: "
+    return where + "; ".join(part for part in (told, others) if part) + "." if told or others else ""
 
 
 def _by_method(groups: list[list[UnitResult]]) -> dict[str, list[list[UnitResult]]]:

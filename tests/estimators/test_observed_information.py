@@ -9,7 +9,7 @@ from random_models import random_case
 from noiseid_cli.errors import EstimationError
 from noiseid_cli.estimators.coordinates import Coordinates
 from noiseid_cli.estimators.likelihood import Likelihood
-from noiseid_cli.estimators.observed_information import information_at, observed_information
+from noiseid_cli.estimators.observed_information import information_at, marginal_information, observed_information
 from noiseid_cli.estimators.structure import CovarianceStructure
 from noiseid_cli.estimators.unknowns import ParameterUnknowns, Unknowns
 from noiseid_cli.models.linear import linear_model
@@ -127,3 +127,23 @@ def test_ties_that_contradict_are_refused():
         CovarianceStructure(Q, ((0, 1),), held=frozenset({(1, 1)}), tied=((0, 1),)).check()
     with pytest.raises(EstimationError, match="start at one value"):
         CovarianceStructure(np.diag([1.0, 2.0]), ((0,), (1,)), tied=((0, 1),)).check()
+
+
+def test_marginal_information_is_that_of_the_noise_where_parameters_are_unknown_too():
+    """Its inverse is the noise's block of the inverse of all; steps that are given are taken."""
+    c, recordings = coordinates(STRUCTURES["diagonal"])
+    problem = (c.model, recordings, c.start, c.unknowns)
+    # Entries of the input gain and of the feedthrough, in which the log-likelihood is a parabola.
+    at, bounds = (9, 24), np.array([FREE, OVER]).T
+    parameters = ParameterUnknowns(("b", "d"), c.model.parameters[list(at)], *bounds)
+    c = replace(c, parameters=parameters, at=at)
+    whole = observed_information(*problem, c.parameters, c.at).matrix
+    own = marginal_information(*problem, c.parameters, c.at)
+    d = len(own)
+    assert d == len(whole) - 2
+    np.testing.assert_allclose(np.linalg.inv(own), np.linalg.inv(whole)[:d, :d], rtol=1e-8)
+    near = marginal_information(*problem, c.parameters, c.at, steps=np.full(d, 1e-3))
+    assert not np.array_equal(near, own)
+    np.testing.assert_allclose(near, own, rtol=1e-2, atol=1e-2 * np.max(np.abs(own)))
+    held = marginal_information(*problem)
+    np.testing.assert_allclose(held, whole[:d, :d], rtol=1e-6, atol=1e-6 * np.max(np.abs(whole)))

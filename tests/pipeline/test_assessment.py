@@ -100,3 +100,20 @@ def test_diagnosis_of_an_experiment_before_and_after_and_of_a_file(small, tmp_pa
     with pytest.raises(DataError, match="no filter was run at the tuning values; there are: estimate, start, truth"):
         diagnose_result(unit.path, "tuning")
     assert result.evaluations["truth"].nees == pytest.approx(1, abs=0.5)
+
+
+def test_standard_errors_of_ml_are_marginal_over_the_parameters(small, tmp_path):
+    """On a linear model they are em's where nothing else is unknown, and greater where a parameter is."""
+    em, _, _ = made(small, tmp_path)
+    ml, _, _ = made(small, tmp_path, "estimate.methods={ml: {}}")
+    np.testing.assert_allclose(ml.uncertainty.values, em.uncertainty.values, rtol=1e-3)
+    np.testing.assert_allclose(ml.uncertainty.standard_errors, em.uncertainty.standard_errors, rtol=5e-3)
+    parameters = "estimate.parameters={k: {start: 39, lower: 0}, m: {start: 0.6, lower: 0}}"
+    both, _, _ = made(small, tmp_path, "estimate.methods={ml: {}}", parameters)
+    assert both.uncertainty.names == ml.uncertainty.names
+    relative = [u.standard_errors / u.values for u in (both.uncertainty, ml.uncertainty)]
+    assert np.all(relative[0] > 1.02 * relative[1])
+    assert not any("hold" in remark for remark in both.uncertainty.remarks)
+    bound = "estimate.parameters={k: {start: 39, lower: 0}, d: {start: 1.5, lower: 1.4}}"
+    held, _, _ = made(small, tmp_path, "estimate.methods={ml: {}}", bound, "model.parameters={d: 0.2}")
+    assert "The standard errors of the noise hold d." in held.uncertainty.remarks
