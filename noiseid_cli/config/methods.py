@@ -157,7 +157,9 @@ class MlOptions(MethodOptions):
         default="exact", description="reverse derivatives of the filter, or central differences"
     )
     em_passes: WholeFrom0 = Field(
-        default=3, description="passes of EM over the unknown noise before the climb; model parameters wait meanwhile"
+        default=3,
+        description="passes of EM over the unknown noise before the climb; model parameters wait meanwhile. With 0 EM "
+        "does not look either whether the climb ended on a tooth of a jagged log-likelihood",
     )
     max_passes: Count = Field(default=1000, description="largest number of runs over the data")
     loglik_tolerance: Positive = Field(

@@ -24,6 +24,7 @@ from noiseid_cli.estimators.coordinates import Coordinates
 from noiseid_cli.estimators.data_check import check_data
 from noiseid_cli.estimators.ends import false_end
 from noiseid_cli.estimators.estimate import Columns, Estimate, Parameters, Progress, Series, Status
+from noiseid_cli.estimators.jagged import lifted
 from noiseid_cli.estimators.likelihood import Likelihood, Point
 from noiseid_cli.estimators.observed_information import Information, information_at
 from noiseid_cli.estimators.profile_likelihood import Profile, arranged, profile
@@ -38,6 +39,8 @@ from noiseid_cli.models.recording import Array, Recording
 ROUNDS = 4
 # Length of a step away from a saddle, in standard errors by its curvature.
 SIDE = 0.3
+# So often EM may lead on from an end, see ``jagged``.
+LIFTS = 3
 # A parameter is at its bound within this share of the way from its start.
 AT_BOUND = 1e-5
 
@@ -49,6 +52,7 @@ class MlOptions:
     Attributes:
         gradient: ``exact`` (reverse derivatives) or ``differences`` (central ones).
         em_passes: passes of EM before the climb, for the unknown noise; model parameters stay at their start there.
+            With 0 there is no EM after the climb either, see ``jagged``.
         max_passes: give up after so many runs over the data, EM's and those for the information among them.
         loglik_tolerance: at the end the Newton step must promise at most this.
         profile: the unknown whose profile likelihood is wanted; None: no profile.
@@ -113,6 +117,15 @@ def estimate(
     likelihood.passes = 1 + (0 if warm is None else warm.passes)
     noise = start if warm is None else warm.final
     end = _search(likelihood, coordinates.pack(noise, coordinates.parameters.start), options)
+    lifts: list[float] = []
+    while options.em_passes > 0 and coordinates.has_noise and end.status == "converged" and len(lifts) < LIFTS:
+        point = end.climb.point
+        higher, passes = lifted(coordinates, recordings, point.z, point.loglik, options.loglik_tolerance)
+        likelihood.passes += passes
+        if higher is None:
+            break
+        end = _search(likelihood, higher, options)
+        lifts.append(end.climb.point.loglik - point.loglik)
     trace = _trace(coordinates, warm, likelihood.visited)
     series: tuple[Series, ...] = ()
     if options.profile is not None and wanted is not None and end.status == "converged":
@@ -131,7 +144,7 @@ def estimate(
         passes=likelihood.passes,
         seconds=time.perf_counter() - began,
         trace=trace,
-        safeguards=tuple(_safeguards(likelihood, end, options)),
+        safeguards=tuple(_safeguards(likelihood, end, lifts, options)),
         settings=asdict(replace(options, profile=None)) | {"profile": _in_words(options.profile)},
         parameters=_parameters(coordinates, end, declared),
         series=series,
@@ -282,9 +295,15 @@ def _trace(coordinates: Coordinates, warm: Estimate | None, visited: Sequence[Po
     return {name: np.concatenate([before[name], part]) if before else part for name, part in parts.items()}
 
 
-def _safeguards(likelihood: Likelihood, end: _End, options: MlOptions) -> list[str]:
+def _safeguards(likelihood: Likelihood, end: _End, lifts: Sequence[float], options: MlOptions) -> list[str]:
     """Each safeguard that acted and each warning about the end, in a sentence."""
     out = []
+    if lifts:
+        times = "once" if len(lifts) == 1 else f"{len(lifts)} times"
+        out.append(
+            f"the log-likelihood is jagged: {times} the climb ended on a tooth, from which EM led on, to "
+            f"{sum(lifts):.3g} more; ends of other starts may differ by as much as the teeth"
+        )
     c = likelihood.coordinates
     if likelihood.failures:
         out.append(

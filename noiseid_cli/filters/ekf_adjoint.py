@@ -11,7 +11,8 @@ M = 1/2 (a a' - S^-1), and X_ the derivative of the log-likelihood by X (symmetr
     predict   m_filt_ = (through F1, F, G),  P_filt_ = F' P_pred_ F,  Q_ += G' P_pred_ G
               F_ = 2 P_pred_ F P_filt,  G_ = 2 P_pred_ G Q
 
-The derivative of P_filt by K vanishes at the optimal K, which is why none stands there.
+The derivative of P_filt by K vanishes at the optimal K, which is why none stands there. What F, G and F1 are made of
+is taken apart by ``models.discretisation_adjoint``, for every scheme.
 """
 
 from __future__ import annotations

@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import math
 
-from noiseid_cli.models.discretisation import DENSITY, DISCRETE, EULER, RK4
+from noiseid_cli.models.discretisation import DENSITY, DISCRETE, EULER, EXACT, RK4
+from noiseid_cli.models.exponential import held_exponential, held_exponential_adjoint
 from noiseid_cli.models.jit import routine
 
-REVERSIBLE = (DISCRETE, EULER, RK4, DISCRETE + DENSITY, EULER + DENSITY, RK4 + DENSITY)
+_KNOWN = (DISCRETE, EULER, RK4, EXACT)
+REVERSIBLE = (*_KNOWN, *(scheme + DENSITY for scheme in _KNOWN))
 """The schemes whose steps are known here."""
 
 
@@ -40,6 +42,9 @@ def transition_adjoint(  # type: ignore[no-untyped-def]
     if scheme == RK4:
         _runge_kutta_adjoint(jacobian, adjoint, x, u, dt, p, x_bar, F_bar, G_bar, gx, gp, work)
         return
+    if scheme == EXACT:
+        _exact_adjoint(jacobian, adjoint, x, u, dt, p, x_bar, F_bar, G_bar, gx, gp, work)
+        return
     w = work[:size]
     c = dt if scheme == EULER else 1.0
     for i in range(n):
@@ -52,6 +57,50 @@ def transition_adjoint(  # type: ignore[no-untyped-def]
     if scheme == EULER:
         for i in range(n):
             gx[i] += x_bar[i]
+
+
+@routine
+def _exact_adjoint(  # type: ignore[no-untyped-def]
+    jacobian, adjoint, x, u, dt, p, x_bar, F_bar, G_bar, gx, gp, work
+):
+    """Reverse of x_next = x + Psi f, F = Phi, G = Psi B, with Phi and Psi from the rates' A; see ``_exact``."""
+    n, nv = G_bar.shape
+    nn = n * n
+    size = n * (1 + n + nv)
+    w = work[:size]
+    f = work[size : size + n]
+    at = size + n
+    A = work[at : at + nn].reshape(n, n)
+    Phi = work[at + nn : at + 2 * nn].reshape(n, n)
+    Psi = work[at + 2 * nn : at + 3 * nn].reshape(n, n)
+    A_bar = work[at + 3 * nn : at + 4 * nn].reshape(n, n)
+    at += 4 * nn
+    B = work[at : at + n * nv].reshape(n, nv)
+    jacobian(x, u, p, f, A, B)
+    held_exponential(A, dt, Phi, Psi, work[at + n * nv :])
+    for i in range(n):
+        w[i] = 0.0
+        for r in range(n):
+            w[i] += Psi[r, i] * x_bar[r]
+        for c in range(nv):
+            total = 0.0
+            for r in range(n):
+                total += Psi[r, i] * G_bar[r, c]
+            w[n + nn + i * nv + c] = total
+    for i in range(n):
+        for j in range(n):
+            Phi[i, j] = F_bar[i, j]
+            total = x_bar[i] * f[j]
+            for c in range(nv):
+                total += G_bar[i, c] * B[j, c]
+            Psi[i, j] = total
+    held_exponential_adjoint(A, dt, Phi, Psi, A_bar)
+    for i in range(n):
+        for j in range(n):
+            w[n + i * n + j] = A_bar[i, j]
+    adjoint(x, u, p, w, gx, gp)
+    for i in range(n):
+        gx[i] += x_bar[i]
 
 
 @routine
@@ -139,4 +188,7 @@ def _runge_kutta_adjoint(  # type: ignore[no-untyped-def]
 @routine
 def adjoint_work_size(n, nv, parameters):  # type: ignore[no-untyped-def]
     """Length of the scratch array that ``transition_adjoint`` wants."""
-    return n * (1 + n + nv) + 6 * n + parameters + 4 * n * n + n * nv + 6 * n * (n + nv + 1)
+    size = n * (1 + n + nv)
+    runge_kutta = 6 * n + parameters + 4 * n * n + n * nv + 6 * n * (n + nv + 1)
+    exact = 2 * n + 6 * n * n + n * nv
+    return size + max(runge_kutta, exact)

@@ -115,3 +115,105 @@ def _balanced(A, B, d):  # type: ignore[no-untyped-def]
                     B[j, i] *= f
                 for j in range(n):
                     B[i, j] /= f
+
+
+@routine
+def held_exponential_adjoint(A, dt, Phi_bar, Psi_bar, A_bar):  # type: ignore[no-untyped-def]
+    """Write A_bar, the derivatives by A of  <Phi_bar, Phi> + <Psi_bar, Psi>: ``held_exponential`` in reverse.
+
+    Args:
+        A: (n, n), 1/s; dt: interval, s.
+        Phi_bar, Psi_bar: weights (n, n); overwritten.
+        A_bar: (n, n), written; NaN where A dt is not finite.
+    """
+    n = A.shape[0]
+    B, T, d = np.empty((n, n)), np.empty((n, n)), np.empty(n)
+    _balanced(A, B, d)
+    norm = 0.0
+    for j in range(n):
+        total = 0.0
+        for i in range(n):
+            total += abs(B[i, j])
+        norm = max(norm, total * dt) if math.isfinite(total) else math.inf
+    if not math.isfinite(norm):
+        A_bar[:] = np.nan
+        return
+    doublings = max(0, math.frexp(norm)[1] + 1)
+    h = math.ldexp(dt, -doublings)
+    # The way there, every matrix kept: S[k] after the term k of Horner's rule, then Phi and Psi before each doubling.
+    S = np.empty((_TERMS + 2, n, n))
+    Phi, Psi = np.empty((doublings + 1, n, n)), np.empty((doublings + 1, n, n))
+    for i in range(n):
+        for j in range(n):
+            B[i, j] *= h
+            S[_TERMS + 1, i, j] = 1.0 if i == j else 0.0
+    for k in range(_TERMS, 0, -1):
+        _product(B, S[k + 1], S[k])
+        for i in range(n):
+            for j in range(n):
+                S[k, i, j] /= k + 1.0
+            S[k, i, i] += 1.0
+    _product(B, S[1], Phi[0])
+    for i in range(n):
+        Phi[0, i, i] += 1.0
+        for j in range(n):
+            Psi[0, i, j] = h * S[1, i, j]
+    for s in range(doublings):
+        _product(Phi[s], Psi[s], T)
+        for i in range(n):
+            for j in range(n):
+                Psi[s + 1, i, j] = Psi[s, i, j] + T[i, j]
+        _product(Phi[s], Phi[s], Phi[s + 1])
+    # And back.
+    for i in range(n):
+        for j in range(n):
+            Phi_bar[i, j] *= d[i] / d[j]
+            Psi_bar[i, j] *= d[i] / d[j]
+    for s in range(doublings - 1, -1, -1):
+        # Psi + Phi Psi and Phi Phi.
+        T[:] = 0.0
+        _add_product_t(Psi_bar, Psi[s], T)
+        _add_product_t(Phi_bar, Phi[s], T)
+        _add_t_product(Phi[s], Phi_bar, T)
+        S[_TERMS + 1] = Psi_bar
+        _add_t_product(Phi[s], S[_TERMS + 1], Psi_bar)
+        Phi_bar[:, :] = T
+    A_bar[:] = 0.0
+    _add_product_t(Phi_bar, S[1], A_bar)
+    for i in range(n):
+        for j in range(n):
+            Psi_bar[i, j] *= h
+            S[_TERMS + 1, i, j] = 1.0 if i == j else 0.0
+    _add_t_product(B, Phi_bar, Psi_bar)
+    for k in range(1, _TERMS + 1):
+        for i in range(n):
+            for j in range(n):
+                Psi_bar[i, j] /= k + 1.0
+        _add_product_t(Psi_bar, S[k + 1], A_bar)
+        T[:] = 0.0
+        _add_t_product(B, Psi_bar, T)
+        Psi_bar[:, :] = T
+    for i in range(n):
+        for j in range(n):
+            A_bar[i, j] *= h * d[j] / d[i]
+
+
+@routine
+def _add_product_t(A, B, out):  # type: ignore[no-untyped-def]
+    """Add A B'."""
+    n = A.shape[0]
+    for i in range(n):
+        for j in range(n):
+            for k in range(n):
+                out[i, j] += A[i, k] * B[j, k]
+
+
+@routine
+def _add_t_product(A, B, out):  # type: ignore[no-untyped-def]
+    """Add A' B."""
+    n = A.shape[0]
+    for k in range(n):
+        for i in range(n):
+            a = A[k, i]
+            for j in range(n):
+                out[i, j] += a * B[k, j]

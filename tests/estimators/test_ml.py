@@ -229,3 +229,33 @@ def test_differences_take_the_place_of_a_missing_adjoint():
     found = ml.estimate(model, case.recordings, start, unknowns)
     assert found.status == "converged"
     assert any("central differences took its place" in s for s in found.safeguards)
+
+
+def test_em_leads_on_from_an_end_that_is_no_top(monkeypatch):
+    """A climb that stops short, as on a tooth of a jagged likelihood, is taken up by EM, and said."""
+    case, start, unknowns = problem(1)
+    whole = ml.estimate(case.model, case.recordings, start, unknowns)
+    search, ends = ml._search, []
+
+    def short(likelihood, z, options):
+        end = search(likelihood, z, options)
+        if not ends:
+            point = likelihood.point(end.climb.point.z + 0.3)
+            end = replace(end, climb=replace(end.climb, point=point))
+        ends.append(end.climb.point.loglik)
+        return end
+
+    monkeypatch.setattr(ml, "_search", short)
+    found = ml.estimate(case.model, case.recordings, start, unknowns)
+    assert len(ends) == 2
+    assert found.status == "converged"
+    assert found.loglik == pytest.approx(whole.loglik, abs=1e-6)
+    gain = found.loglik - ends[0]
+    assert gain > 1.0
+    assert any(
+        f"once the climb ended on a tooth, from which EM led on, to {gain:.3g} more" in s for s in found.safeguards
+    )
+    assert not any("tooth" in s for s in whole.safeguards)
+    ends.clear()
+    alone = ml.estimate(case.model, case.recordings, start, unknowns, options=MlOptions(em_passes=0))
+    assert alone.loglik == ends[0] < found.loglik - 1.0

@@ -10,7 +10,7 @@ from random_models import random_case
 
 from noiseid_cli.filters.ekf import extended_kalman_filter
 from noiseid_cli.filters.ekf_adjoint import has_exact_gradient, loglik_gradient
-from noiseid_cli.models.discretisation import DENSITY, EULER, RK4
+from noiseid_cli.models.discretisation import DENSITY, DISCRETE, EULER, EXACT, RK4
 
 
 def directions(noise, rng):
@@ -81,17 +81,24 @@ def test_gradient_goes_through_the_linearisation_points(scheme):
         assert found == pytest.approx(slopes(model, recordings[0], noise, d, by), rel=1e-6)
 
 
-def test_gradient_by_every_entry_of_a_linear_model():
-    """A, B, G, C and D travel as parameters: each has its slope."""
+@pytest.mark.parametrize("scheme", [DISCRETE, EXACT, EXACT + DENSITY])
+def test_gradient_by_every_entry_of_a_linear_model(scheme):
+    """A, B, G, C and D travel as parameters: each has its slope; intervals differ, states have units of their own."""
     case = random_case(11, 2, 1, 2, lengths=(15,), missing=0.2)
     recording = case.recordings[0]
     model = case.model
+    if scheme != DISCRETE:
+        # A rate of 1 and one of 30 per interval: both few and many doublings, and balancing.
+        rates = case.A.copy() * np.array([[1.0, 1e3], [1e-3, 1.0]]) - np.diag([0.2, 30.0])
+        model = replace(model, scheme=scheme, parameters=np.concatenate([rates.ravel(), model.parameters[4:]]))
+        recording = replace(recording, dt=np.random.default_rng(0).uniform(0.01, 1.5, size=14))
     gradient = loglik_gradient(
         model, recording, extended_kalman_filter(model, recording, case.noise), case.noise.Q
     ).parameters
     for i in range(model.parameters.size):
         e = np.eye(model.parameters.size)[i]
-        assert gradient[i] == pytest.approx(slopes(model, recording, case.noise, e, "parameters"), rel=1e-6, abs=1e-8)
+        slope = slopes(model, recording, case.noise, e, "parameters")
+        assert gradient[i] == pytest.approx(slope, rel=1e-6, abs=1e-8 * np.max(np.abs(gradient)))
 
 
 def test_a_model_without_adjoints_has_no_exact_gradient():
