@@ -200,32 +200,38 @@ def _gate_and_adapt(window, s, q):  # type: ignore[no-untyped-def]
 
 
 @routine
-def _write(s, x, x_std, theta, theta_std, excited, excited_open, gate):  # type: ignore[no-untyped-def]
-    """One row of each series."""
-    x[:], theta[:], excited[:], excited_open[:], gate[:] = s.x, s.theta, s.excited, s.excited_open, s.gate
-    for U, std in ((s.U, x_std), (s.UT, theta_std)):
+def _write(s, row):  # type: ignore[no-untyped-def]
+    """One row: x, its standard deviations, theta, its standard deviations, both excitations, gate."""
+    n, p = s.x.shape[0], s.theta.shape[0]
+    for c in range(n):
+        row[c] = s.x[c]
+    for c in range(p):
+        row[2 * n + c] = s.theta[c]
+        row[2 * n + 2 * p + c] = s.excited[c]
+        row[2 * n + 3 * p + c] = s.excited_open[c]
+        row[2 * n + 4 * p + c] = s.gate[c]
+    for U, begin in ((s.U, n), (s.UT, 2 * n + p)):
         for c in range(U.shape[0]):
-            std[c] = 0.0
+            total = 0.0
             for r in range(c + 1):
-                std[c] += U[r, c] * U[r, c]
-            std[c] = math.sqrt(std[c])
+                total += U[r, c] * U[r, c]
+            row[begin + c] = math.sqrt(total)
 
 
 @kernel(
     types.Tuple((types.int64, types.int64, types.float64))(
-        HANDLE, types.boolean, vector, matrix, matrix, types.int64,
-        matrix, matrix, matrix, matrix, matrix, matrix, matrix,
+        HANDLE, types.boolean, vector, matrix, matrix, types.int64, matrix,
     ),
 )  # fmt: skip
-def run(handle, first, dt, u, y, stride, x, x_std, theta, theta_std, excited, excited_open, gate):  # type: ignore[no-untyped-def]
+def run(handle, first, dt, u, y, stride, rows):  # type: ignore[no-untyped-def]
     """Take in the samples of y; nothing is allocated.
 
     Args:
         handle: see ``adaptive_workspace.prepare``.
         first: the first sample of y is the first of its test.
         dt: (N,) interval before each sample; u: (N, nu); y: (N, ny), NaN where missing.
-        stride: rows of the series are written at samples 0, stride, 2 stride, ...
-        x, x_std, theta, theta_std, excited, excited_open, gate: series, written.
+        stride: rows are written at samples 0, stride, 2 stride, ...
+        rows: (ceil(N / stride), 2 n + 5 p), written, see ``_write``.
 
     Returns:
         (code, samples taken in, log-likelihood of the innovations).
@@ -248,6 +254,5 @@ def run(handle, first, dt, u, y, stride, x, x_std, theta, theta_std, excited, ex
             return code, k, loglik
         s.u_before[:] = u[k]
         if k % stride == 0:
-            i = k // stride
-            _write(s, x[i], x_std[i], theta[i], theta_std[i], excited[i], excited_open[i], gate[i])
+            _write(s, rows[k // stride])
     return OK, y.shape[0], loglik

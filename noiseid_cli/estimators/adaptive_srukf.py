@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -127,7 +128,10 @@ class AdaptiveFilter:
             compiled.scheme, self._stacked.drift_jacobian, gains is not None, self._gains.drift_jacobian,
             self._stacked.output_jacobian, options.window, self._s,
         )  # fmt: skip
-        self._one = tuple(np.zeros((1, k)) for k in self._widths)
+        n, p = self._nx, len(self.names)
+        ends = [0, n, 2 * n, *(2 * n + k * p for k in range(1, 6))]
+        self._columns = [slice(a, b) for a, b in pairwise(ends)]  # of each array of ``AdaptiveSample``
+        self._one = np.zeros((1, ends[-1]))
         self._y, self._u, self._dt = np.zeros((1, self._ny)), np.zeros((1, self._nu)), np.zeros(1)
         self.loglik = 0.0
         self.restart()
@@ -149,11 +153,6 @@ class AdaptiveFilter:
         s.UQ[:] = upper_factor(start.Q, "the process noise covariance Q")
         s.UT[:] = np.diag(np.sqrt([options.parameter_covariance[name] for name in self.names]))
         s.UD[:] = s.UR
-
-    @property
-    def _widths(self) -> tuple[int, ...]:
-        """Length of each array of ``AdaptiveSample``."""
-        return (self._nx,) * 2 + (len(self.names),) * 5
 
     def restart(self, test: int = 0) -> None:
         """Begin a new test: the state is that of the prior; theta, Theta, Delta and the monitor go on.
@@ -201,12 +200,13 @@ class AdaptiveFilter:
         """
         check_sample(y, u, self._ny, self._nu)
         self._y[0], self._u[0], self._dt[0] = y, u, dt
-        code, done, loglik = run(self._handle, self.samples == 0, self._dt, self._u, self._y, 1, *self._one)
+        code, done, loglik = run(self._handle, self.samples == 0, self._dt, self._u, self._y, 1, self._one)
         self.samples += done
         self.loglik += loglik
         if code != OK:
             raise EstimationError(f"sample {self.samples + 1}: {FilterDivergedError.words(code)}")
-        return AdaptiveSample(*[row[0].copy() for row in self._one])
+        row = self._one[0].copy()
+        return AdaptiveSample(*[row[columns] for columns in self._columns])
 
     def take(self, y: Array, u: Array, dt: Array, stride: int) -> tuple[int, int, tuple[Array, ...]]:
         """Take in a block of samples.
@@ -219,12 +219,11 @@ class AdaptiveFilter:
             A code of ``filters.ekf``, the number of samples taken in, and the arrays of ``AdaptiveSample`` with one
             row per returned sample; NaN in rows that a failure did not reach.
         """
-        rows = -(-len(y) // stride)
-        out = tuple(np.full((rows, k), np.nan) for k in self._widths)
-        code, done, loglik = run(self._handle, self.samples == 0, dt, u, y, stride, *out)
+        rows = np.full((-(-len(y) // stride), self._one.shape[1]), np.nan)
+        code, done, loglik = run(self._handle, self.samples == 0, dt, u, y, stride, rows)
         self.samples += done
         self.loglik += loglik
-        return code, done, out
+        return code, done, tuple(rows[:, columns] for columns in self._columns)
 
 
 def free_variances(unknowns: Unknowns) -> tuple[int, ...]:
