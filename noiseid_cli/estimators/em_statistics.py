@@ -15,13 +15,12 @@ from noiseid_cli.errors import EstimationError
 from noiseid_cli.estimators.measurement_moment import FILTERED, LINEARISATIONS, SMOOTHED, measurement
 from noiseid_cli.estimators.process_moment import process_filtered, process_smoothed
 from noiseid_cli.estimators.sigma_moments import measurement_sigma, process_sigma
-from noiseid_cli.filters.ekf import extended_kalman_filter
 from noiseid_cli.filters.linalg import merge, upper_factor
+from noiseid_cli.filters.segments import smoothed_parts
 from noiseid_cli.filters.sigma_filter import sigma_point_filter
 from noiseid_cli.filters.sigma_points import SigmaWeights
 from noiseid_cli.filters.sigma_rows import pair_centre
 from noiseid_cli.filters.sigma_smoother import sigma_point_smoother
-from noiseid_cli.filters.smoother import extended_kalman_smoother
 from noiseid_cli.models.compiled import CompiledModel
 from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.models.recording import Array, Recording
@@ -150,23 +149,22 @@ def _extended(
     linearisation: int, block_of: Blocks | None,
 ) -> None:  # fmt: skip
     """Add one test, by the extended Kalman smoother."""
-    filtered = extended_kalman_filter(model, recording, noise, test)
-    smoothed = extended_kalman_smoother(filtered, noise.Q)
-    gather.add(filtered.loglik, smoothed.singular, smoothed.m, smoothed.U)
-    dt, u, y = (np.ascontiguousarray(a) for a in (recording.dt, recording.u, recording.y))
-    if linearisation == FILTERED:
-        process_filtered(filtered.m_pred, smoothed.m, smoothed.U, smoothed.gain, smoothed.C, gather.U_v)
-    else:
-        dependent = process_smoothed(
-            model.scheme, model.drift_jacobian, model.parameters, dt, u,
-            smoothed.m, smoothed.U, smoothed.gain, smoothed.C, gather.U_v,
-        )  # fmt: skip
-        _refuse_dependent(recording, dependent)
-    if block_of is not None:
-        measurement(
-            model.output_jacobian, model.parameters, u, y, filtered.m_pred, filtered.H, filtered.innovation,
-            smoothed.m, smoothed.U, UR, block_of, linearisation, gather.U_e, gather.samples,
-        )  # fmt: skip
+    for part, filtered, smoothed in smoothed_parts(model, recording, noise, test):
+        gather.add(filtered.loglik, smoothed.singular, smoothed.m, smoothed.U)
+        dt, u, y = (np.ascontiguousarray(a) for a in (part.dt, part.u, part.y))
+        if linearisation == FILTERED:
+            process_filtered(filtered.m_pred, smoothed.m, smoothed.U, smoothed.gain, smoothed.C, gather.U_v)
+        else:
+            dependent = process_smoothed(
+                model.scheme, model.drift_jacobian, model.parameters, dt, u,
+                smoothed.m, smoothed.U, smoothed.gain, smoothed.C, gather.U_v,
+            )  # fmt: skip
+            _refuse_dependent(part, dependent)
+        if block_of is not None:
+            measurement(
+                model.output_jacobian, model.parameters, u, y, filtered.m_pred, filtered.H, filtered.innovation,
+                smoothed.m, smoothed.U, UR, block_of, linearisation, gather.U_e, gather.samples,
+            )  # fmt: skip
 
 
 def _sigma_points(

@@ -41,7 +41,7 @@ class FilterDivergedError(NoiseidError):
 
     def __init__(self, code: int, step: int, recording: Recording) -> None:
         """Say what failed, in which test and at which sample."""
-        self.step = step
+        self.code, self.step = code, step
         super().__init__(
             f"test {recording.name!r}: {self.words(code)} at sample {step + 1} of {recording.samples} "
             f"(t = {recording.time[step]:.6g} s)"
@@ -95,7 +95,13 @@ class Filtered:
         return A.transpose(0, 2, 1) @ A + self.R
 
 
-def extended_kalman_filter(model: CompiledModel, recording: Recording, noise: NoiseValues, test: int = 0) -> Filtered:
+def extended_kalman_filter(
+    model: CompiledModel,
+    recording: Recording,
+    noise: NoiseValues,
+    test: int = 0,
+    start: tuple[Array, Array] | None = None,
+) -> Filtered:
     """Filter one test.
 
     Args:
@@ -103,6 +109,7 @@ def extended_kalman_filter(model: CompiledModel, recording: Recording, noise: No
         recording: the test; NaN in y is a missing output.
         noise: Q, R, P0 and the rows of m0, of which row ``test`` is used.
         test: which row of ``noise.m0`` belongs to this test.
+        start: predicted mean (nx,) and upper factor (nx, nx) of the first sample, where they are not m0 and P0.
 
     Raises:
         FilterDivergedError: with the sample where it happened.
@@ -113,8 +120,7 @@ def extended_kalman_filter(model: CompiledModel, recording: Recording, noise: No
     U_pred, U_filt = np.empty((N, n, n)), np.empty((N, n, n))
     F, G, H = np.empty((N - 1, n, n)), np.empty((N - 1, n, nv)), np.empty((N, ny, n))
     innovation = np.empty((N, ny))
-    m_pred[0] = noise.m0[test]
-    U_pred[0] = upper_factor(noise.P0, "the initial covariance P0")
+    m_pred[0], U_pred[0] = start or (noise.m0[test], upper_factor(noise.P0, "the initial covariance P0"))
     code, step, loglik = _filter(
         model.scheme,
         model.drift_jacobian,

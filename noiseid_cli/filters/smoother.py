@@ -60,18 +60,20 @@ class Smoothed:
         return self.P[1:] @ self.gain[:, :n].transpose(0, 2, 1)
 
 
-def extended_kalman_smoother(filtered: Filtered, Q: Array) -> Smoothed:
+def extended_kalman_smoother(filtered: Filtered, Q: Array, end: tuple[Array, Array] | None = None) -> Smoothed:
     """Smooth one test.
 
     Args:
         filtered: the filter's results, obtained with the same Q.
         Q: (nv, nv) process noise covariance.
+        end: smoothed mean (nx,) and upper factor (nx, nx) of the last sample, where later ones have been smoothed.
     """
     N, n = filtered.m_filt.shape
     nv = filtered.G.shape[2]
     UQ = upper_factor(Q, "the process noise covariance Q")
     m, U, gain = np.empty((N, n)), np.empty((N, n, n)), np.empty((N - 1, n + nv, n))
     f = filtered
+    m[-1], U[-1] = end or (f.m_filt[-1], f.U_filt[-1])
     # nv rows hold C wherever P_pred is regular, n + nv always do.
     for rows in (nv, n + nv):
         C = np.empty((N - 1, rows, n + nv))
@@ -125,7 +127,7 @@ def backward_gain(U, F, G, UQ, gain, C, W, pivot_column, w):  # type: ignore[no-
     types.Tuple((types.int64, types.boolean))(matrix, matrix, cube, cube, cube, matrix, matrix, cube, cube, cube),
 )  # fmt: skip
 def _smooth(m_pred, m_filt, U_filt, F, G, UQ, m, U, gain, C):  # type: ignore[no-untyped-def]
-    """Run the smoother; m, U, gain and C are written.
+    """Run the smoother; m, U, gain and C are written, m and U before the last sample.
 
     Returns the number of singular predictions, and whether C had rows enough for them.
     """
@@ -136,8 +138,6 @@ def _smooth(m_pred, m_filt, U_filt, F, G, UQ, m, U, gain, C):  # type: ignore[no
     w = np.empty(2 * n + nv)
     pivot_column = np.empty(n, dtype=np.int64)
     singular = 0
-    m[N - 1] = m_filt[N - 1]
-    U[N - 1] = U_filt[N - 1]
     for k in range(N - 2, -1, -1):
         rank = backward_gain(U_filt[k], F[k], G[k], UQ, gain[k], C[k], W, pivot_column, w)
         if rank < n:
