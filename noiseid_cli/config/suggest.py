@@ -13,7 +13,14 @@ def did_you_mean(word: object, known: Iterable[str]) -> str:
     return f"; did you mean {by_case[near[0]]}?" if near else ""
 
 
-_ONE = {"entries": "entry", "numbers": "number", "states": "state", "noises": "noise", "outputs": "output"}
+_ONE = {
+    "entries": "entry",
+    "numbers": "number",
+    "states": "state",
+    "inputs": "input",
+    "noises": "noise",
+    "outputs": "output",
+}
 
 
 def counted(count: int, things: str) -> str:

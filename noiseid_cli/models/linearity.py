@@ -1,4 +1,4 @@
-"""Are a model's equations linear in its states and noises? Then they can be discretised exactly."""
+"""What a model's equations depend on: are they linear in states and noises, do outputs see inputs directly?"""
 
 from __future__ import annotations
 
@@ -32,3 +32,16 @@ def nonlinearity(equations: Equations) -> str:
                 by = ", ".join(sorted(map(str, left)))
                 return f"the rate of {state} is not linear: its slope in {symbol} depends on {by}"
     return ""
+
+
+def direct_inputs(equations: Equations) -> list[set[str]]:
+    """The inputs on which each output depends directly, without a state between them.
+
+    Args:
+        equations: checked equations of a model.
+    """
+    inputs = set(equations.u)
+    terms: dict[Any, Any] = {}
+    for term, definition in equations.terms.items():
+        terms[term] = definition.xreplace(terms)
+    return [{str(s) for s in h.xreplace(terms).free_symbols & inputs} for h in equations.output]

@@ -12,6 +12,7 @@ from noiseid_cli.pipeline.unit import DatasetUnit
 
 if TYPE_CHECKING:
     from noiseid_cli.config.schema_import import Column, Companion, Source
+    from noiseid_cli.models.equations import Model
     from noiseid_cli.models.recording import Dataset
 
 
@@ -131,5 +132,22 @@ def _import(context: Context, unit: DatasetUnit) -> Dataset:
     dataset = import_recordings(unit.own_name, sources, policy, model.name, inputs, outputs, decimation)
     recordings = tuple(replace(r, u=with_known_inputs(model, r.u, f"test {r.name!r}")) for r in dataset.recordings)
     inputs = tuple((q.name, q.unit, q.description) for q in model.inputs)
-    notes = (*dataset.notes, *data_warnings(dataset))
+    direct = [] if decimation is None or decimation.factor == 1 else _direct_notes(model)
+    notes = (*dataset.notes, *direct, *data_warnings(dataset))
     return replace(dataset, recordings=recordings, inputs=inputs, states=states, notes=notes)
+
+
+def _direct_notes(model: Model) -> list[str]:
+    """What decimation does to outputs that see an input directly."""
+    from noiseid_cli.models.linearity import direct_inputs
+
+    driven = {q.name for q in model.driven_inputs}
+    out = []
+    for output, seen in zip(model.outputs, direct_inputs(model.equations()), strict=True):
+        if names := " and ".join(sorted(seen & driven)):
+            out.append(
+                f"{output.name} depends directly on {names}, which after decimation is the average over the longer "
+                "interval and not the value at the sample: where it moves within an interval, the difference counts as "
+                "noise"
+            )
+    return out

@@ -54,7 +54,16 @@ def dataset_facts(context: Context, dataset: Dataset) -> DatasetFacts:
         times=tuple(r.time for r in dataset.recordings),
         performance_unit=units.pop() if len(units) == 1 else "",
         held=_held(context) if len(dataset.recordings) == 1 else None,
+        steps={} if simulated is not None else _steps(dataset),
     )
+
+
+def _steps(dataset: Dataset) -> dict[str, float]:
+    """The quantisation step of each output that has one."""
+    from noiseid_cli.diagnostics.data_properties import output_steps
+
+    pairs = zip(dataset.outputs, output_steps(dataset), strict=True)
+    return {name: step for (name, _, _), step in pairs if step is not None}
 
 
 def _held(context: Context) -> tuple[float, float] | None:

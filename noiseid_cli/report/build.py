@@ -113,6 +113,8 @@ def std_table(study: Study, which: Which) -> Table:
     columns = [Column("Unit"), Column("Noise"), Column("In"), Column("Start"), Column("Estimate")]
     sure = has_certainty(study)
     columns += [Column("±", digits=2), Column("Interval")] if sure else []
+    stepped = which == "R" and any(_steps(study, r) for r in study.results)
+    columns += [Column("In steps", digits=3)] if stepped else []
     columns += [Column("Truth"), Column("Estimate / truth")] if known else []
     rows: list[tuple[Cell, ...]] = []
     for r in study.results:
@@ -122,6 +124,9 @@ def std_table(study: Study, which: Which) -> Table:
             beside = (number(truth, reason(r, "truth")), _ratio(end, truth, reason(r, "truth"))) if known else ()
             values: tuple[Cell, ...] = (number(start, reason(r, "start")), number(end, reason(r, "estimate")))
             values += certainty(r, f"{WORDS[which].replace(' ', '_')}_std", name) if sure else ()
+            if stepped:
+                step = _steps(study, r).get(name)
+                values += (number(None if step is None else end / step, "The output does not move in steps"),)
             rows.append((r.unit, name, unit or "1", *values, *beside, remark(r, which, i)))
     columns.append(KIND)
     caption = f"Square roots of the diagonal of {which}, {_words(study, which)}." + "".join(
@@ -131,9 +136,17 @@ def std_table(study: Study, which: Which) -> Table:
     if levels:
         shares = " or ".join(f"{100 * level:g}\u00a0%" for level in levels)
         caption += f" ±: standard error. Interval: {shares}."
+    if stepped:
+        caption += " In steps: the estimate over the quantisation step of the output; rounding alone is 0.29."
     kind = WORDS[which]
     name = f"std-{kind.replace(' ', '-')}"
     return Table(name, f"Standard deviations of the {kind}", caption, tuple(columns), _merge_held(rows), keys=2)
+
+
+def _steps(study: Study, result: UnitResult) -> dict[str, float]:
+    """The quantisation steps of a unit's outputs."""
+    data = study.dataset(result.dataset)
+    return {} if data is None else data.steps
 
 
 def _words(study: Study, which: Which) -> str:

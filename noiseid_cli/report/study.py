@@ -64,6 +64,7 @@ class DatasetFacts:
         notes: what was done to the data on the way in, in sentences.
         times: per test, (N,) time of each sample, s; empty if not known: figures then count samples.
         performance_unit: unit of the path error; empty where there is none.
+        steps: quantisation step of each output by name, where the data show one.
         held: begin and end of a rest of the motion that the experiment asks for, s; None for none, or several tests.
     """
 
@@ -77,6 +78,7 @@ class DatasetFacts:
     times: tuple[Array, ...] = ()
     performance_unit: str = ""
     held: tuple[float, float] | None = None
+    steps: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

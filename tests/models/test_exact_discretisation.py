@@ -194,3 +194,14 @@ def test_block_diagonal_parts_do_not_mix():
     np.testing.assert_array_equal(Phi[:2, 2], 0.0)
     np.testing.assert_array_equal(Phi[2, :2], 0.0)
     np.testing.assert_allclose(Phi[:2, :2], expm(A1 * 0.1), rtol=1e-11)
+
+
+def test_outputs_that_see_an_input_directly_are_found_and_told():
+    from pendulum import Pendulum
+
+    from noiseid_cli.models.linearity import direct_inputs
+    from noiseid_cli.pipeline.datasets import _direct_notes
+
+    assert direct_inputs(Pendulum().equations()) == [set(), {"tau"}]
+    (note,) = _direct_notes(Pendulum())
+    assert note.startswith("a_meas depends directly on tau, which after decimation is the average")

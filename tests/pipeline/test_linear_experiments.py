@@ -146,7 +146,7 @@ def test_matrices_for_another_number_of_samples_are_refused(tmp_path):
             "amplitude: [1]",
             "amplitude: [1, 2]",
             "simulate.trajectory.amplitude",
-            "2 numbers, but the model has 1 inputs",
+            "2 numbers, but the model has 1 input:",
         ),
     ],
 )

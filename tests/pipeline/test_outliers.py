@@ -56,3 +56,15 @@ def test_clean_data_gives_the_same_bits(small):
     plain, gated = (make_estimate(c, estimate_units(c)[0]) for c in (off, on))
     assert np.array_equal(plain.estimate.final.Q, gated.estimate.final.Q)
     assert gated.estimate.safeguards[-1].endswith("none of 80 measurements left out")
+
+
+def test_gate_and_held_out_end_go_together(small):
+    """Outliers are left out of the fitted part; the held-out end is scored whole, those in it too."""
+    gate, holdout = "estimate.outlier_gate={probability: 1e-7}", "estimate.holdout={last: 0.5}"
+    plain, both = (open_experiment(small, small.parent, (ESTIMATE_R, holdout, *more)) for more in ((), (gate,)))
+    spoil(plain)
+    result = make_estimate(both, estimate_units(both)[0])
+    assert result.estimate.trace["outliers"][:, :3].tolist() == [[1, 21, 1]]
+    assert result.evaluations["estimate"].observed == 39
+    assert result.held_out["estimate"].observed == 40
+    assert result.held_out["estimate"].nis > 10.0 > result.evaluations["estimate"].nis

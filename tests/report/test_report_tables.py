@@ -238,6 +238,22 @@ def test_no_mean_where_nothing_converged():
     )
 
 
+def test_measurement_noise_is_shown_in_quantisation_steps_too():
+    study = report_cases.measured(samples=60)
+    name = study.results[0].output_names[0][0]
+    plain = std_table(study, "R")
+    assert all(column.heading != "In steps" for column in plain.columns)
+    stepped = replace(study, datasets=[replace(d, steps={name: 2e-6}) for d in study.datasets])
+    table = std_table(stepped, "R")
+    at = [column.heading for column in table.columns].index("In steps")
+    own = [row for row in table.rows if row[1] == name]
+    ends = [np.sqrt(r.estimate.final.R[0, 0]) for r in stepped.results]
+    assert [row[at] for row in own] == pytest.approx([end / 2e-6 for end in ends])
+    assert {row[at] for row in table.rows if row[1] != name} == {Missing("The output does not move in steps")}
+    assert "rounding alone is 0.29" in table.caption
+    assert std_table(stepped, "Q") == std_table(study, "Q")
+
+
 def test_starts_are_compared_within_one_dataset(simulated, many):
     row = starts_table(simulated).rows[0]
     ends = [np.sqrt(r.estimate.final.Q[0, 0]) for r in simulated.results[:2]]
