@@ -1,4 +1,8 @@
-"""What the remaining misfit of a filter says, in plain sentences."""
+"""What the remaining misfit of a filter says, in plain sentences.
+
+A prediction error, or innovation, is a measurement less what the filter expected just before it; the NIS is its square
+over the variance that the filter gives for it.
+"""
 
 from __future__ import annotations
 
@@ -22,6 +26,11 @@ STRETCHES = 10
 UNEVEN = 0.25
 """Misfit whose NIS scatters over the ranges of a quantity by this share of its mean is said to follow it."""
 
+_HELD_OUT = {
+    "inside": "the filter's idea of its own error holds there too",
+    "outside": "the filter's idea of its own error does not hold there",
+}
+
 
 def misfit_sentences(evaluation: Evaluation, output_names: Sequence[str], dt: float | None) -> list[str]:
     """Say what is left unexplained: size, colour and tails of the innovations, and where in time.
@@ -41,13 +50,13 @@ def misfit_sentences(evaluation: Evaluation, output_names: Sequence[str], dt: fl
     motion = _motion(evaluation)
     found += [*_where(evaluation), *motion]
     if not found:
-        return ["No misfit was found: the innovations have the predicted size and are white."]
+        return ["No misfit was found: the prediction errors have the expected size and are independent over time."]
     if (coloured or motion) and evaluation.label == "estimate":
-        what = " and ".join(["are coloured"] * bool(coloured) + ["follow the motion"] * bool(motion))
+        what = " and ".join(["hang together over time"] * bool(coloured) + ["follow the motion"] * bool(motion))
         found.append(
-            f"The mean NIS is {evaluation.nis:.3g}, but the innovations {what}: the estimated Q then "
-            "stands in for model error as well as for noise. A NIS of 1 on the data that was fitted proves "
-            "nothing, because free covariances reach it at any optimum."
+            f"On average the prediction errors have the expected size (mean NIS {evaluation.nis:.3g}), but they "
+            f"{what}: the estimated Q then stands in for model error as well as for noise. A NIS of 1 on the data that was "
+            "fitted proves nothing: the fit makes it so, be the model right or wrong."
         )
     return found
 
@@ -64,7 +73,10 @@ def held_out_sentences(fitted: Evaluation, held_out: dict[str, Evaluation]) -> l
         return []
     low, high = own.nis_bounds()
     verdict = "inside" if low <= own.nis <= high else "outside"
-    out = [f"On data that no method has seen the NIS is {own.nis:.3g}, {verdict} its bounds {low:.3g} to {high:.3g}."]
+    out = [
+        f"On data that no method has seen the NIS is {own.nis:.3g}, {verdict} its bounds {low:.3g} to {high:.3g}: "
+        f"{_HELD_OUT[verdict]}."
+    ]
     before = next((held_out[at] for at in ("tuning", "start") if at in held_out and at != fitted.label), None)
     if before is not None:
         gain = own.loglik - before.loglik
@@ -85,8 +97,8 @@ def _size(evaluation: Evaluation, names: Sequence[str]) -> list[str]:
             verdict = "over-confident" if nis > 1 else "under-confident"
             factor = np.sqrt(nis)
             out.append(
-                f"{name}: NIS {nis:.3g} instead of 1. The innovations are {factor:.3g} times as large as the "
-                f"filter predicts: it is {verdict}."
+                f"{name}: NIS {nis:.3g} instead of 1. The prediction errors are {factor:.3g} times as large as the "
+                f"filter expects: it is {verdict}."
             )
     return out
 
@@ -102,8 +114,9 @@ def _colour(evaluation: Evaluation, names: Sequence[str], dt: float | None) -> l
             time = "" if dt is None else f" ({(lag + 1) * dt:.3g} s)"
             p_text = f"p = {p:.2g}" if p >= 1e-12 else "p < 1e-12"
             out.append(
-                f"{name}: the innovations are coloured (Ljung-Box {p_text}), most at a lag of "
-                f"{steps}{time}, where the correlation is {rho[lag]:.2f}."
+                f"{name}: the prediction errors (innovations) are not independent over time, as those of a right model "
+                f"are (Ljung-Box test, {p_text}): most at a lag of {steps}{time}, where their correlation is "
+                f"{rho[lag]:.2f}."
             )
             slow = rho[SLOW - 1 :][np.isfinite(rho[SLOW - 1 :])]
             # White innovations give a mean of 0 with a standard error of 1 / sqrt(n lags).
@@ -122,9 +135,15 @@ def _tails(evaluation: Evaluation, names: Sequence[str]) -> list[str]:
     out = []
     for name, kurtosis in zip(names, evaluation.kurtosis, strict=True):
         if np.isfinite(kurtosis) and kurtosis > tolerance:
-            out.append(f"{name}: heavy tails (excess kurtosis {kurtosis:.3g}): outliers, or noise whose size varies.")
+            out.append(
+                f"{name}: large prediction errors are more frequent than normal noise has them (heavy tails, excess "
+                f"kurtosis {kurtosis:.3g}): outliers, or noise whose size varies."
+            )
         elif np.isfinite(kurtosis) and kurtosis < -tolerance:
-            out.append(f"{name}: light tails (excess kurtosis {kurtosis:.3g}), as from quantisation or saturation.")
+            out.append(
+                f"{name}: large prediction errors are rarer than normal noise has them (light tails, excess kurtosis "
+                f"{kurtosis:.3g}), as with quantisation or saturation."
+            )
     return out
 
 
@@ -158,5 +177,5 @@ def _where(evaluation: Evaluation) -> list[str]:
         return []
     return [
         f"The misfit is uneven in time: samples {borders[worst] + 1} to {borders[worst + 1]} hold "
-        f"{share[worst]:.0%} of the total NIS and {expected[worst]:.0%} of the measured samples."
+        f"{share[worst]:.0%} of the squared prediction errors and {expected[worst]:.0%} of the measurements."
     ]

@@ -172,7 +172,7 @@ def evaluate(nu, label="estimate"):
 def test_sentences_for_white_innovations_find_nothing():
     nu = np.random.default_rng(7).normal(size=(2000, 2))
     assert misfit_sentences(evaluate(nu), ["q1", "q2"], 0.01) == [
-        "No misfit was found: the innovations have the predicted size and are white."
+        "No misfit was found: the prediction errors have the expected size and are independent over time."
     ]
 
 
@@ -186,9 +186,9 @@ def test_sentences_name_size_colour_tails_and_time():
         evaluate(np.column_stack([echo, late, 0.5 * rng.normal(size=n)])), ["a", "b", "c"], 0.1
     )
     text = "\n".join(sentences)
-    assert "a: the innovations are coloured" in text
+    assert "a: the prediction errors (innovations) are not independent over time" in text
     assert "lag of 3 samples (0.3 s)" in text
-    assert "b: heavy tails" in text
+    assert "b: large prediction errors are more frequent than normal noise has them (heavy tails" in text
     assert "over-confident" in next(s for s in sentences if s.startswith("b: NIS"))
     assert "under-confident" in next(s for s in sentences if s.startswith("c: NIS"))
     assert "samples 3601 to 4000" in text
