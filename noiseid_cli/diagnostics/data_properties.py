@@ -116,6 +116,32 @@ def rounding_warnings(dataset: Dataset, R: Array) -> list[str]:
     return out
 
 
+def size_warnings(dataset: Dataset, noises: Sequence[tuple[str, str, str]], Q: Array) -> list[str]:
+    """Say which process noises are greater than what drives the system.
+
+    A noise in the unit of an input is compared with the input of that unit that has the greatest root mean square.
+
+    Args:
+        dataset: the data that it was estimated from.
+        noises: name, unit and description of each process noise, per sample.
+        Q: (nv, nv) its covariance per sample, estimated or given.
+    """
+    u = np.concatenate([r.u for r in dataset.recordings])
+    sizes = np.sqrt(np.mean(u**2, axis=0))
+    out = []
+    for (name, unit, _), variance in zip(noises, np.diag(Q), strict=True):
+        rivals = [(float(size), of) for (of, own, _), size in zip(dataset.inputs, sizes, strict=True) if own == unit]
+        size, of = max(rivals, default=(0.0, ""))
+        std = math.sqrt(variance)
+        if unit and 0.0 < size < std:
+            out.append(
+                f"the process noise {name}, {std:.3g} {unit} per sample, is {std / size:.2g} times the root mean "
+                f"square of the input {of}, {size:.3g} {unit}: it stands in for what the model leaves out, not for "
+                "noise of the input alone"
+            )
+    return out
+
+
 def _unchanged(recordings: Sequence[Recording], i: int) -> float:
     """Share of neighbouring samples between which output i does not change."""
     steps = np.concatenate([np.diff(r.y[:, i]) for r in recordings])

@@ -51,7 +51,6 @@ def make_estimate(context: Context, unit: EstimateUnit, progress: Progress | Non
         DataError: the dataset is missing or damaged.
         EstimationError: the problem cannot be posed.
     """
-    from noiseid_cli.diagnostics.data_properties import rounding_warnings
     from noiseid_cli.storage.result_file import write_result
 
     began = time.perf_counter()
@@ -85,7 +84,7 @@ def make_estimate(context: Context, unit: EstimateUnit, progress: Progress | Non
     sure, why_not = assess_uncertainty(section, unit.options, at_end, estimate, place)
     structure = section.process_noise.structure
     words = structure if isinstance(structure, str) else "blocks"
-    warned = rounding_warnings(fitted, estimate.final.R) if unit.dataset.recordings else []
+    warned = _implausible(context, fitted, estimate) if unit.dataset.recordings else []
     estimate = replace(
         estimate,
         settings={"structure": words, **estimate.settings},
@@ -124,6 +123,16 @@ def make_estimate(context: Context, unit: EstimateUnit, progress: Progress | Non
     )
     write_result(unit.path, result, file_attributes(context, unit.key) | _basis(context, dataset, estimate))
     return result
+
+
+def _implausible(context: Context, fitted: Dataset, estimate: Estimate) -> list[str]:
+    """What of the noise is too small or too large to be what its name says."""
+    from noiseid_cli.diagnostics.data_properties import rounding_warnings, size_warnings
+
+    interval = conversion_interval(fitted, context.model, context.density) if context.density else 1.0
+    per_sample = estimate.final.Q / (interval or 1.0)
+    noises = noise_names(context.model, density=False)
+    return rounding_warnings(fitted, estimate.final.R) + size_warnings(fitted, noises, per_sample)
 
 
 def with_structure(section: Section, options: MethodOptions) -> Section:

@@ -1,6 +1,7 @@
 """Quantisation, rest, and repeated or derived channels, found in the data alone."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from noiseid_cli.diagnostics.data_properties import (
     output_steps,
     quantisation_step,
     rounding_warnings,
+    size_warnings,
 )
 from noiseid_cli.models.recording import Dataset, Recording
 
@@ -77,6 +79,20 @@ def test_noise_below_rounding_is_said():
     assert "of y1" in said
     assert "0.096 quantisation steps" in said
     assert "0.29 steps of 0.2 rad" in said
+
+
+def test_noise_beyond_what_drives_the_system_is_said():
+    """Root mean squares of 3 and 4 N m: a noise of 5 N m is 1.25 times the greater; one of 3.9 is not."""
+    d = dataset(np.zeros(4))
+    u = np.array([[3.0, 4.0, 9.0], [-3.0, 4.0, 9.0], [3.0, -4.0, 9.0], [-3.0, 4.0, 9.0]])
+    names = (("a", "N m", ""), ("b", "N m", ""), ("other", "m", ""))
+    d = replace(d, recordings=(replace(d.recordings[0], u=u),), inputs=names)
+    noises = (("v", "N m", ""), ("w", "N m", ""), ("x", "V", ""))
+    (said,) = size_warnings(d, noises, np.diag([25.0, 3.9**2, 1e6]))
+    assert "process noise v, 5 N m per sample, is 1.2 times" in said
+    assert "of the input b, 4 N m" in said
+    still = replace(d, recordings=(replace(d.recordings[0], u=0.0 * u),))
+    assert size_warnings(still, noises, np.eye(3)) == []
 
 
 def test_almost_at_rest_is_said():
