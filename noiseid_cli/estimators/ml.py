@@ -269,7 +269,8 @@ def _parameters(coordinates: Coordinates, end: _End, declared: Columns) -> Param
     with np.errstate(invalid="ignore"):
         errors = np.where(_at_bound(coordinates, value) != "", np.nan, np.sqrt(variance) * np.abs(by))
     names = tuple(declared[i] for i in coordinates.at)
-    return Parameters(names, coordinates.parameters.start, value, errors)
+    positive = tuple(bool(low == 0.0) for low in coordinates.parameters.lower)
+    return Parameters(names, coordinates.parameters.start, value, errors, positive)
 
 
 def _at_bound(coordinates: Coordinates, value: Array) -> np.ndarray[tuple[int], np.dtype[np.str_]]:

@@ -52,27 +52,37 @@ def assess_uncertainty(
     import numpy as np
 
     from noiseid_cli.estimators import em
+    from noiseid_cli.estimators.parameter_errors import only_parameters, with_parameters
     from noiseid_cli.estimators.uncertainty import uncertainty
     from noiseid_cli.pipeline.bootstrap import bootstrap
 
     choice, name = section.uncertainty, options.method
-    u = task.unknowns
-    if choice.method == "none" or estimate.status not in ASSESSED or not (u.Q or u.R or u.P0 or u.m0):
+    u, own = task.unknowns, estimate.parameters
+    noise = bool(u.Q or u.R or u.P0 or u.m0)
+    if choice.method == "none" or estimate.status not in ASSESSED or not (noise or own):
         return None, ()
     try:
         if choice.method == "bootstrap":
             return bootstrap(name, task, estimate, choice.replicates or 100, choice.level, seed), ()
         if not options.has_score:
-            return None, (
-                f"no standard errors: {name} does not maximise the likelihood, whose curvature gives them; "
-                "`uncertainty: {method: bootstrap}` does without",
-            )
+            return None, _without_score(name, estimate)
         if name == "ml":
-            return _of_ml(task, estimate, choice.level), ()
-        own = em.EmOptions(**task.options) if name == "em" else None
-        return uncertainty(task.model, task.recordings, estimate.final, task.unknowns, choice.level, own), ()
+            found = _of_ml(task, estimate, choice.level) if noise else only_parameters(choice.level)
+            return (found if own is None else with_parameters(found, own)), ()
+        passes = em.EmOptions(**task.options)
+        return uncertainty(task.model, task.recordings, estimate.final, u, choice.level, passes), ()
     except (NoiseidError, np.linalg.LinAlgError) as error:
         return None, (f"no standard errors: {error}",)
+
+
+def _without_score(name: str, estimate: Estimate) -> tuple[str, ...]:
+    """Why there are none; nothing is said where the method has standard errors of its own."""
+    if estimate.parameters is not None and estimate.parameters.standard_errors is not None:
+        return ()
+    return (
+        f"no standard errors: {name} does not maximise the likelihood, whose curvature gives them; "
+        "`uncertainty: {method: bootstrap}` does without",
+    )
 
 
 def _of_ml(task: Task, estimate: Estimate, level: float) -> Uncertainty:

@@ -16,8 +16,9 @@ from noiseid_cli.errors import EstimationError, NoiseidError
 from noiseid_cli.estimators.estimate import Uncertainty
 
 if TYPE_CHECKING:
-    from noiseid_cli.estimators.estimate import Estimate
+    from noiseid_cli.estimators.estimate import Estimate, Parameters
     from noiseid_cli.estimators.quantities import Figure
+    from noiseid_cli.estimators.unknowns import ParameterUnknowns
     from noiseid_cli.models.recording import Array
     from noiseid_cli.pipeline.methods import Task
 
@@ -43,18 +44,47 @@ def bootstrap(
         DataError: the simulation in open loop leaves the finite numbers.
         EstimationError: fewer than half of the replicates, or fewer than ten, converged.
     """
-    from noiseid_cli.estimators.quantities import figures
-
-    shown = figures(task.model, task.unknowns, estimate.final)
+    if task.first.given or task.equations.discretisation == "van_loan":
+        raise EstimationError(
+            "the bootstrap simulates tests from initial_mean and initial_covariance, with noise held over each "
+            "interval: a model driven by white noise, initial_map and common_bias are not simulated so"
+        )
+    shown = _figures(task, estimate)
     found = []
     for b in range(replicates):
         stream = np.random.SeedSequence(seed[0], spawn_key=(STREAM, *seed[1:], b))
         end = _one(name, task, estimate, np.random.default_rng(stream))
         if end is not None:
-            found.append([f.value for f in figures(task.model, task.unknowns, end.final)])
+            found.append([f.value for f in _figures(task, end)])
     if len(found) < max(10, replicates // 2):
         raise EstimationError(f"only {len(found)} of {replicates} bootstrap replicates converged")
     return _gather(shown, np.array(found), replicates, level)
+
+
+def _figures(task: Task, estimate: Estimate) -> list[Figure]:
+    """Noise values, then the scalar unknowns beside them."""
+    from noiseid_cli.estimators.parameter_errors import METRIC
+    from noiseid_cli.estimators.quantities import Figure, figures
+
+    out = figures(task.model, task.unknowns, estimate.final)
+    p = estimate.parameters
+    if p is not None:
+        positive = p.log_scale or (False,) * len(p.final)
+        out += [
+            Figure(METRIC, name, unit, float(value), np.zeros(0), "log" if log else "plain", "parameters", (i, i))
+            for i, ((name, unit, _), value, log) in enumerate(zip(p.names, p.final, positive, strict=True))
+        ]
+    return out
+
+
+def _from_estimate(unknown: ParameterUnknowns, found: Parameters | None) -> ParameterUnknowns:
+    """The unknown parameters, to be started from the estimate; one at its bound from where it was started before."""
+    if found is None:
+        return unknown
+    values = {name: value for (name, _, _), value in zip(found.names, found.final, strict=True)}
+    start = np.array([values.get(name, own) for name, own in zip(unknown.names, unknown.start, strict=True)])
+    inside = (unknown.lower < start) & (start < unknown.upper)
+    return replace(unknown, start=np.where(inside, start, unknown.start))
 
 
 def _one(name: str, task: Task, estimate: Estimate, rng: np.random.Generator) -> Estimate | None:
@@ -62,9 +92,12 @@ def _one(name: str, task: Task, estimate: Estimate, rng: np.random.Generator) ->
     from noiseid_cli.pipeline.methods import run_method
     from noiseid_cli.simulation.replay import replay
 
+    parameters = _from_estimate(task.parameters, estimate.parameters)
     simulated = [replay(task.model, r, estimate.final, i, rng) for i, r in enumerate(task.recordings)]
     try:
-        end = run_method(name, replace(task, recordings=simulated, start=estimate.final, progress=None))
+        end = run_method(
+            name, replace(task, recordings=simulated, start=estimate.final, parameters=parameters, progress=None)
+        )
     except NoiseidError:
         return None
     return end if end.status in ("converged", "stalled_fixed_point") else None

@@ -96,7 +96,9 @@ def _parameter_rows(result: UnitResult) -> Iterator[Row]:
     for i, (name, unit, _) in enumerate(found.names):
         yield "start", "parameter", name, float(found.start[i]), unit
         yield "estimate", "parameter", name, float(found.final[i]), unit
-        if found.standard_errors is not None:
+        # One among the figures of the uncertainty has its standard error there.
+        told = result.uncertainty is not None and result.uncertainty.index("parameter", name) is not None
+        if found.standard_errors is not None and not told:
             yield "estimate", "parameter_standard_error", name, float(found.standard_errors[i]), unit
         if result.parameters_true is not None:
             yield "truth", "parameter", name, float(result.parameters_true[i]), unit

@@ -74,6 +74,55 @@ def test_standard_errors_by_score_and_bootstrap_agree(small, tmp_path):
     assert read_result(unit.path).uncertainty.names == boot.uncertainty.names
 
 
+ML = ("estimate.methods={ml: {}}", "estimate.parameters={k: {start: 39, lower: 0}}")
+
+
+def test_errors_of_noise_and_parameters_by_likelihood_and_bootstrap_agree(small, tmp_path):
+    """16 replicates know a standard error to 1 / sqrt(32) = 18 %; three of those."""
+    ours, _, unit = made(small, tmp_path, *ML)
+    boot, _, _ = made(small, tmp_path, *ML, "estimate.uncertainty={method: bootstrap, replicates: 16}")
+    expected = (("process_noise_std", "v", "N"), ("parameter", "k", "N/m"))
+    assert ours.uncertainty.names == boot.uncertainty.names == expected
+    ratio = boot.uncertainty.standard_errors / ours.uncertainty.standard_errors
+    assert np.all(np.abs(np.log(ratio)) < 3 / np.sqrt(32) + 0.1)
+    found = ours.estimate.parameters
+    assert ours.uncertainty.standard_errors[1] == found.standard_errors[0]
+    # What cannot be negative has its interval on the logarithm.
+    assert (ours.uncertainty.lower[1], ours.uncertainty.upper[1]) == pytest.approx(found.interval(0))
+    assert found.log_scale == (True,)
+    assert not ours.uncertainty.remarks
+    assert read_result(unit.path).uncertainty.names == expected
+    rows = [row for row in _certainty_and_parameters(ours) if row[1:3] == ("parameter_standard_error", "k")]
+    assert len(rows) == 1
+
+
+def _certainty_and_parameters(result):
+    from noiseid_cli.report.tidy import _certainty_rows, _parameter_rows
+
+    return [*_certainty_rows(result), *_parameter_rows(result)]
+
+
+def test_a_parameter_without_an_error_is_held_and_named(small, tmp_path):
+    """A bound far off the truth: the parameter runs to it, and the noise is judged as if it were known."""
+    result, _, _ = made(small, tmp_path, ML[0], "estimate.parameters={k: {start: 61, lower: 60}, d: {start: 1}}")
+    assert any("k has run to its lower bound" in text for text in result.estimate.safeguards)
+    u = result.uncertainty
+    assert "The standard errors of the noise hold k." in u.remarks
+    k, d = u.index("parameter", "k"), u.index("parameter", "d")
+    assert (np.isnan(u.standard_errors[k]), u.upper[k]) == (True, np.inf)
+    assert "at a bound" in u.notes[k]
+    assert np.isfinite(u.standard_errors[[0, d]]).all()
+
+
+def test_parameters_alone_have_intervals_too(small, tmp_path):
+    known = "estimate.process_noise={known: {std: [0.5]}}"
+    result, _, _ = made(small, tmp_path, *ML, known, "estimate.uncertainty.level=0.5")
+    assert result.uncertainty.names == (("parameter", "k", "N/m"),)
+    assert np.log(result.uncertainty.upper / result.uncertainty.lower)[0] == pytest.approx(
+        2 * 0.6744898 * result.uncertainty.standard_errors[0] / result.uncertainty.values[0]
+    )
+
+
 def test_no_standard_errors_where_none_are_asked_for_or_the_curvature_means_nothing(small, tmp_path):
     assert made(small, tmp_path, "estimate.uncertainty.method=none")[0].uncertainty is None
     result, _, _ = made(small, tmp_path, "estimate.methods={alg3: {}}")
@@ -110,9 +159,9 @@ def test_standard_errors_of_ml_are_marginal_over_the_parameters(small, tmp_path)
     np.testing.assert_allclose(ml.uncertainty.standard_errors, em.uncertainty.standard_errors, rtol=5e-3)
     parameters = "estimate.parameters={k: {start: 39, lower: 0}, m: {start: 0.6, lower: 0}}"
     both, _, _ = made(small, tmp_path, "estimate.methods={ml: {}}", parameters)
-    assert both.uncertainty.names == ml.uncertainty.names
-    relative = [u.standard_errors / u.values for u in (both.uncertainty, ml.uncertainty)]
-    assert np.all(relative[0] > 1.02 * relative[1])
+    assert both.uncertainty.names[:1] == ml.uncertainty.names
+    relative = [u.standard_errors[0] / u.values[0] for u in (both.uncertainty, ml.uncertainty)]
+    assert relative[0] > 1.02 * relative[1]
     assert not any("hold" in remark for remark in both.uncertainty.remarks)
     bound = "estimate.parameters={k: {start: 39, lower: 0}, d: {start: 1.5, lower: 1.4}}"
     held, _, _ = made(small, tmp_path, "estimate.methods={ml: {}}", bound, "model.parameters={d: 0.2}")
