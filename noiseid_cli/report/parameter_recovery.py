@@ -10,6 +10,7 @@ from noiseid_cli.models.recording import Array
 from noiseid_cli.outcome import UnitResult
 from noiseid_cli.report.over_time import over_time
 from noiseid_cli.report.reading import converged, group
+from noiseid_cli.report.recovery import Recovery
 from noiseid_cli.report.study import Study
 from noiseid_cli.report.tables import Cell, Column, Table, number
 
@@ -19,15 +20,9 @@ FEWEST = 3
 
 def parameter_recovery(study: Study) -> Table | None:
     """Mean, spread and coverage of each scalar unknown over replicates; None without replicates or truth."""
-    if study.sweep:
-        return None
     rows: list[tuple[Cell, ...]] = []
-    used = [r for r in study.results if converged(r) and r.estimate.parameters is not None and not over_time(r)]
-    used = [r for r in used if r.parameters_true is not None]
-    for label, units in group(used, lambda r: r.method_label).items():
-        firsts = [same[0] for same in group(units, lambda r: r.replicate).values()]
-        if len(firsts) >= FEWEST:
-            rows += [(label, *_row(firsts, i)) for i in range(len(_names(firsts[0])))]
+    for label, firsts in _firsts(study).items():
+        rows += [(label, *_row(firsts, i)) for i in range(len(_names(firsts[0])))]
     if not rows:
         return None
     columns = (
@@ -45,6 +40,31 @@ def parameter_recovery(study: Study) -> Table | None:
     return Table("parameter-recovery", title, caption, columns, tuple(rows), keys=2)
 
 
+def parameter_recoveries(study: Study) -> list[Recovery]:
+    """Each scalar unknown of each method over replicates; none without replicates or truth, and for a sweep."""
+    out = []
+    for label, units in _firsts(study).items():
+        for i, (name, unit, _) in enumerate(_names(units[0])):
+            values, errors, truths, inside = _told(units, i)
+            known = np.isfinite(errors)
+            held = np.where(known, inside, math.nan)
+            out.append(Recovery(label, "parameter", name, unit, float(truths[0]), values, errors, held, 0.95, math.nan))
+    return out
+
+
+def _firsts(study: Study) -> dict[str, list[UnitResult]]:
+    """By method label, the first start of each replicate, where there are enough of them."""
+    if study.sweep:
+        return {}
+    used = [r for r in study.results if converged(r) and r.estimate.parameters is not None and not over_time(r)]
+    used = [r for r in used if r.parameters_true is not None]
+    found = {
+        label: [same[0] for same in group(units, lambda r: r.replicate).values()]
+        for label, units in group(used, lambda r: r.method_label).items()
+    }
+    return {label: firsts for label, firsts in found.items() if len(firsts) >= FEWEST}
+
+
 def _names(result: UnitResult) -> tuple[tuple[str, str, str], ...]:
     assert result.estimate.parameters is not None
     return result.estimate.parameters.names
@@ -52,12 +72,7 @@ def _names(result: UnitResult) -> tuple[tuple[str, str, str], ...]:
 
 def _row(units: list[UnitResult], i: int) -> tuple[Cell, ...]:
     name, unit, _ = _names(units[0])[i]
-    found = [r.estimate.parameters for r in units]
-    values = np.array([p.final[i] for p in found if p is not None])
-    errors = np.array([math.nan if p is None or p.standard_errors is None else p.standard_errors[i] for p in found])
-    truths = np.array([math.nan if r.parameters_true is None else r.parameters_true[i] for r in units])
-    intervals = np.array([p.interval(i) for p in found if p is not None])
-    inside = (intervals[:, 0] <= truths) & (truths <= intervals[:, 1])
+    values, errors, truths, inside = _told(units, i)
     n, spread = len(units), float(np.std(values, ddof=1))
     off = np.abs(values - truths) / errors
     known = bool(np.all(np.isfinite(off)))
@@ -66,6 +81,16 @@ def _row(units: list[UnitResult], i: int) -> tuple[Cell, ...]:
         spread / math.sqrt(n), spread, number(float(errors.mean()), "The method gives no standard error"),
         _share(off <= 1.0, known), _share(off <= 1.959963984540054, known), _share(inside, known), n,
     )  # fmt: skip
+
+
+def _told(units: list[UnitResult], i: int) -> tuple[Array, Array, Array, np.ndarray]:
+    """(n,) estimates, reported standard errors, truths, and whether the interval of 95 % holds the truth."""
+    found = [r.estimate.parameters for r in units]
+    values = np.array([p.final[i] for p in found if p is not None])
+    errors = np.array([math.nan if p is None or p.standard_errors is None else p.standard_errors[i] for p in found])
+    truths = np.array([math.nan if r.parameters_true is None else r.parameters_true[i] for r in units])
+    intervals = np.array([p.interval(i) for p in found if p is not None])
+    return values, errors, truths, (intervals[:, 0] <= truths) & (truths <= intervals[:, 1])
 
 
 def _share(inside: Array | np.ndarray, known: bool) -> Cell:

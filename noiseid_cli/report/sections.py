@@ -28,7 +28,7 @@ from noiseid_cli.report.noise_units import noise_units_table
 from noiseid_cli.report.over_tests import approach_table, ensemble_plot
 from noiseid_cli.report.parameter_recovery import parameter_recovery
 from noiseid_cli.report.reading import best, converged
-from noiseid_cli.report.recovery import recovery_table
+from noiseid_cli.report.recovery import correlation_recovery_table, recovery_table
 from noiseid_cli.report.shown import lean, with_short_names
 from noiseid_cli.report.side_by_side import compared, side_by_side
 from noiseid_cli.report.study import Study
@@ -146,7 +146,8 @@ def _comparison(study: Study) -> tuple[Block, ...]:
     means = build.summary_table(study) if few else None
     scores = comparison.score_table(study) if several else None
     plots = [comparison.best_paths_plot(study), *comparison.start_paths_plots(study)] if several else []
-    return tuple(block for block in (means, scores, recovery_table(study), *plots) if block)
+    recovered = (recovery_table(study), correlation_recovery_table(study))
+    return tuple(block for block in (means, scores, *recovered, *plots) if block)
 
 
 def _online(study: Study) -> tuple[Block, ...]:

@@ -18,7 +18,7 @@ from noiseid_cli.report.comparison import score_table
 from noiseid_cli.report.noise_units import noise_units_table
 from noiseid_cli.report.parameter_recovery import parameter_recovery
 from noiseid_cli.report.published import published_tables
-from noiseid_cli.report.recovery import recovery_table
+from noiseid_cli.report.recovery import correlation_recovery_table, recovery_table
 from noiseid_cli.report.shown import lean, with_short_names
 from noiseid_cli.report.side_by_side import compared, side_by_side
 from noiseid_cli.report.study import Study
@@ -48,7 +48,7 @@ def _tables(study: Study) -> list[Table | None]:
     estimated = "estimated" in kinds(study, "Q")
     tables: list[Table | None]
     if many:
-        tables = [summary_table(study), score_table(study), recovery_table(study)]
+        tables = [summary_table(study), score_table(study), recovery_table(study), correlation_recovery_table(study)]
         tables += [std_summary_table(study, "Q")] if estimated else []
     else:
         tables = [_without_last(ending_table(study)), before_after_table(study)]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import report_cases
 
+from noiseid_cli.estimators.estimate import Uncertainty
 from noiseid_cli.report.build import correlation_tables
 from noiseid_cli.report.comparison import (
     best_paths_plot,
@@ -15,7 +16,7 @@ from noiseid_cli.report.comparison import (
 )
 from noiseid_cli.report.published import published_sentences, published_tables
 from noiseid_cli.report.reading import correlation
-from noiseid_cli.report.recovery import recovery_table
+from noiseid_cli.report.recovery import correlation_recovery_table, recovery_table
 from noiseid_cli.report.sections import sections
 from noiseid_cli.report.study import PublishedFacts
 from noiseid_cli.report.tables import Missing
@@ -86,8 +87,55 @@ def test_spread_stands_beside_the_bound(replicates):
     assert row[:8] == plain
     assert row[8] == pytest.approx(100 * 2.0 / 50.0)
     assert row[9] == pytest.approx(row[7] / row[8])
-    assert "5 replicates the ratio has a Monte Carlo error of 35 %" in table.caption
+    assert "Of 5 replicates a spread, and a ratio with it, has a Monte Carlo error of 35 %" in table.caption
     assert isinstance(table.rows[1][9], Missing)
+
+
+def with_errors(result, scale):
+    """The result with intervals of 90 % that reach ``scale`` times 2 % to both sides of va1 and of one correlation."""
+    Q = result.estimate.final.Q
+    std, rho = np.sqrt(Q[0, 0]), correlation(Q)[1, 0]
+    values, errors = np.array([std, rho]), scale * np.array([0.02 * std, 0.02])
+    return replace(
+        result,
+        uncertainty=Uncertainty(
+            method="score", level=0.9, values=values, standard_errors=errors, lower=values - errors,
+            upper=values + errors, notes=("", ""), coordinates=(), information=np.zeros((0, 0)), shares=np.zeros(0),
+            names=(("process_noise_std", "va1", "N m"), ("process_noise_correlation", "va2, va1", "")),
+        ),
+    )  # fmt: skip
+
+
+def test_coverage_and_reported_errors_are_those_of_the_units(replicates):
+    """Each replicate has two starts with the same data: one counts as one half."""
+    scales = np.resize([0.2, 1.0, 3.0], len(replicates.results))
+    units = [with_errors(r, scale) for r, scale in zip(replicates.results, scales, strict=True)]
+    table = recovery_table(replace(replicates, results=units))
+    titles = [c.title for c in table.columns]
+    row = dict(zip(titles, table.rows[0], strict=True))
+    ends = np.array([np.sqrt(u.estimate.final.Q[0, 0] / u.Q_true[0, 0]) for u in units])
+    inside = np.abs(ends - 1) <= 0.02 * scales * ends
+    assert 0.0 < inside.mean() < 1.0
+    assert row["In 90 % interval [%]"] == f"{100 * inside.mean():.1f} ± {100 * np.sqrt(0.9 * 0.1 / 5):.1f}"
+    assert row["Reported error [%]"] == pytest.approx(100 * np.mean(0.02 * scales * ends))
+    assert row["Reported / spread"] == pytest.approx(row["Reported error [%]"] / row["Spread [%]"])
+    assert isinstance(dict(zip(titles, table.rows[1], strict=True))["In 90 % interval [%]"], Missing)
+
+
+def test_correlations_have_a_table_of_their_own(replicates):
+    """All units have the true correlations: no bias, no spread, every interval holds the truth."""
+    units = [with_errors(r, 1.0) for r in replicates.results]
+    table = correlation_recovery_table(replace(replicates, results=units))
+    assert len(table.rows) == 6
+    row = dict(zip([c.title for c in table.columns], table.rows[0], strict=True))
+    assert (row["Noise"], row["Replicates"]) == ("va2, va1", 5)
+    assert row["Truth"] == pytest.approx(correlation(units[0].Q_true)[1, 0])
+    assert row["Bias"] == pytest.approx(0.0, abs=1e-12)
+    assert row["Reported error"] == pytest.approx(0.02)
+    assert row["In 90 % interval [%]"].startswith("100.0 ")
+    # A correlation that was given and held is not one that was found.
+    held = [replace(u, estimate=replace(u.estimate, start=u.estimate.final)) for u in units]
+    assert correlation_recovery_table(replace(replicates, results=held)) is None
 
 
 def test_recovery_shows_measurement_noise_that_was_estimated(replicates):

@@ -274,6 +274,7 @@ def test_many_units_get_means_and_a_few_examples(many):
         "summary",
         "scores",
         "recovery",
+        "recovery-correlations",
         "std-process-noise-means",
         "starts",
     ]
