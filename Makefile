@@ -10,7 +10,7 @@ CONFIG ?= noiseid_cli/config/quickstart.yaml
 RUNS ?= runs
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo run simulate import estimate report test test-browser lint format bench clean
+.PHONY: help setup demo run simulate import estimate report test test-browser lint format bench validation clean
 
 help: ## List the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  %-13s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -65,6 +65,9 @@ $(BENCH)/.ready: pyproject.toml constraints.txt benchmarks/requirements.txt
 	  $(BENCH)/bin/python -m pip install --quiet --disable-pip-version-check "$$peer" \
 	  || echo "$$peer cannot be installed here: its rows will say so"; done
 	@touch $@
+
+validation: $(READY) ## Statistical claims as experiments: bias, coverage and efficiency in one table
+	@$(BIN)/python benchmarks/validation.py $(RUNS) $(JOBS)
 
 clean: ## Remove .venv, caches and runs
 	rm -rf $(VENV) $(BENCH) $(RUNS) .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
