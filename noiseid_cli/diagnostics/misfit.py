@@ -55,8 +55,8 @@ def misfit_sentences(evaluation: Evaluation, output_names: Sequence[str], dt: fl
         what = " and ".join(["hang together over time"] * bool(coloured) + ["follow the motion"] * bool(motion))
         found.append(
             f"On average the prediction errors have the expected size (mean NIS {evaluation.nis:.3g}), but they "
-            f"{what}: the estimated Q then stands in for model error as well as for noise. A NIS of 1 on the data that was "
-            "fitted proves nothing: the fit makes it so, be the model right or wrong."
+            f"{what}: the estimated Q then stands in for model error as well as for noise. A NIS of 1 on the data that "
+            "was fitted proves nothing: the fit makes it so, be the model right or wrong."
         )
     return found
 
