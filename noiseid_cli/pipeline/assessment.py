@@ -15,6 +15,9 @@ if TYPE_CHECKING:
     from noiseid_cli.models.recording import Array, Dataset
     from noiseid_cli.pipeline.methods import Task
 
+# Shares of the complete-data information: nothing, and more than there can be [chosen].
+NOTHING, TOO_MUCH = 1e-6, 1.5
+
 ASSESSED = ("converged", "max_passes", "stalled_fixed_point")
 """Standard errors are asked of ends with these statuses."""
 
@@ -109,6 +112,16 @@ def _of_ml(task: Task, estimate: Estimate, level: float) -> Uncertainty:
         return marginal_information(*problem, free, at, steps)
 
     found = uncertainty(*problem, level, observed=observed)
+    if np.any(found.shares <= NOTHING) or np.any(found.shares > TOO_MUCH):
+        # Open directions are the score's to tell; teeth of a jagged log-likelihood it does not see.
+        smooth = uncertainty(*problem, level)
+        if np.all(smooth.shares > NOTHING):
+            also = ", and hold the model's parameters at their estimates" if len(task.parameters) else ""
+            jagged = (
+                "The filter's own log-likelihood has no clear curvature at the scale of standard errors: it is jagged "
+                f"there. These are from the smoother's score, which leaves out that the linearisation moves{also}."
+            )
+            return replace(smooth, remarks=(*smooth.remarks, jagged))
     if held:
         found = replace(found, remarks=(*found.remarks, f"The standard errors of the noise hold {', '.join(held)}."))
     return found

@@ -166,3 +166,15 @@ def test_standard_errors_of_ml_are_marginal_over_the_parameters(small, tmp_path)
     bound = "estimate.parameters={k: {start: 39, lower: 0}, d: {start: 1.5, lower: 1.4}}"
     held, _, _ = made(small, tmp_path, "estimate.methods={ml: {}}", bound, "model.parameters={d: 0.2}")
     assert "The standard errors of the noise hold d." in held.uncertainty.remarks
+
+
+def test_where_the_likelihood_is_jagged_the_errors_are_the_smoothers(small, tmp_path, monkeypatch):
+    """An exact gradient that jumps says nothing of the curvature: the score takes its place, and that is said."""
+    from noiseid_cli.estimators import observed_information
+
+    plain, _, _ = made(small, tmp_path, "estimate.methods={ml: {}}")
+    monkeypatch.setattr(observed_information, "marginal_information", lambda *a: np.array([[-1e4]]))
+    found, _, _ = made(small, tmp_path, "estimate.methods={ml: {}}")
+    np.testing.assert_allclose(found.uncertainty.standard_errors, plain.uncertainty.standard_errors, rtol=5e-3)
+    assert "it is jagged there" in found.uncertainty.remarks[-1]
+    assert not any("jagged" in remark for remark in plain.uncertainty.remarks)
