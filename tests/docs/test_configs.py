@@ -13,7 +13,7 @@ SHORT = {
                      "--set", "simulate.held_out.tests=1", "--set", "estimate.methods.alg3-full.max_passes=3"],
     "axelsson2011_replicates": ["--set", "simulate.samples=150", "--set", "simulate.replicates=2",
                                 "--set", "simulate.held_out.tests=1"],
-    "coloured_noise": ["--set", "import.recordings.excited.rows=[1, 300]", "--set", "estimate.methods.ml.max_passes=8"],
+    "coloured_noise": ["--set", "import.recordings.swing_up.rows=[1, 300]", "--set", "estimate.methods.ml.max_passes=8"],
     "local_level": [],
     "ensemble_one_link": ["--set", "simulate.tests=8", "--set", "simulate.samples=60",
                           "--set", "estimate.methods.batch-ml.at_tests=[5]",
