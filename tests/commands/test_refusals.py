@@ -1,5 +1,7 @@
 """What a user sees who asks for what cannot be: place, fault, what is allowed, and no traceback."""
 
+from pathlib import Path
+
 import pytest
 from small_experiment import CONFIG, MEASURED, noiseid, write_experiment, write_recordings
 
@@ -66,6 +68,9 @@ noiseid: a mistake in noiseid.yaml; nothing was done
 }
 
 
+DOCUMENTED = (Path(__file__).parents[2] / "docs" / "mistakes.md").read_text(encoding="utf-8")
+
+
 @pytest.mark.parametrize("case", LINES)
 def test_a_mistake_is_shown_with_its_place_and_what_is_allowed(tmp_path, monkeypatch, case):
     text, expected = LINES[case]
@@ -78,6 +83,7 @@ def test_a_mistake_is_shown_with_its_place_and_what_is_allowed(tmp_path, monkeyp
     ran = noiseid("run", file, "--out", tmp_path / "runs")
     assert ran.exit_code == 3
     assert ran.stderr.replace(f"{tmp_path}/", "").removeprefix("experiment: noiseid.yaml\n") == expected
+    assert expected in DOCUMENTED
     assert ran.stdout == ""
     assert not (tmp_path / "runs").exists()
 
@@ -91,4 +97,5 @@ def test_an_unknown_column_is_named_with_those_that_are_there(tmp_path, monkeypa
     assert ran.exit_code == 3
     said = f"{tmp_path}/good.csv has no column 'forse'; it has 't', 'force', 'pos'. Did you mean 'force'?"
     assert said in ran.stderr
+    assert said.replace(f"{tmp_path}/", "") in DOCUMENTED
     assert "Traceback" not in ran.output
