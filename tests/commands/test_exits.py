@@ -65,7 +65,7 @@ def test_names_are_checked_against_the_model(small):
     write_experiment(small, CONFIG.replace("start: {std: [1]}", "start: {std: [1, 2]}"))
     result = noiseid("check")
     assert result.exit_code == 3
-    assert "estimate.process_noise.start.std: has 2 entries, but the model has 1 process noises: v" in result.stderr
+    assert "estimate.process_noise.start.std: has 2 entries, but the model has 1 process noise: v" in result.stderr
     assert "noiseid: a mistake in noiseid.yaml; nothing was done" in result.stderr.splitlines()
     write_experiment(small, CONFIG.replace("class: Cart", "class: Kart"))
     assert "there is no model class Kart; it defines Cart" in noiseid("check").stderr

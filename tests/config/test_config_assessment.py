@@ -43,7 +43,7 @@ def test_two_kinds_of_held_out_data_are_refused():
 @pytest.mark.parametrize(
     ("tuning", "words"),
     [
-        ("{process_noise: {std: [1]}, measurement_noise: {std: [1, 1, 1, 1]}}", "has 1 entries"),
+        ("{process_noise: {std: [1]}, measurement_noise: {std: [1, 1, 1, 1]}}", "has 1 entry"),
         ("{process_noise: {std: [1, 1, 1, 1]}, measurement_noise: {std: [1, 1, 0, 1]}}", "must not be 0"),
     ],
 )
