@@ -178,6 +178,10 @@ class _Run:
         parameters = now.change <= o.parameter_tolerance
         return {"both": loglik and parameters, "loglik": loglik, "parameters": parameters}[o.stop]
 
+    def too_low(self, now: _Point) -> str:
+        """Name of a covariance that is too small by powers of ten; empty if none is."""
+        return false_end(self.model, self.recordings, self.unknowns, now.noise, now.loglik, self.weights)
+
     @property
     def full(self) -> bool:
         """The passes are used up."""
@@ -240,7 +244,7 @@ def estimate(
 
 def _iterate(run: _Run, start: NoiseValues) -> tuple[Status, str]:
     """Steps until the stop rule holds; two EM steps, then a jump where acceleration is on."""
-    now = run.visit(start)
+    now = before = run.visit(start)
     while not run.full:
         before = now
         try:
@@ -256,12 +260,9 @@ def _iterate(run: _Run, start: NoiseValues) -> tuple[Status, str]:
                 "is its answer, or the start is too far off; start nearer to the data's scale, or give it as known"
             )
         if run.at_rest(before, now):
-            low = false_end(run.model, run.recordings, run.unknowns, now.noise, now.loglik, run.weights)
+            low = run.too_low(now)
             if low:
-                return "stalled_fixed_point", (
-                    f"after {len(run.points)} passes nothing moves any more, but a much greater {low} has the greater "
-                    "likelihood: the start was so small that EM takes it for zero; start from a greater one"
-                )
+                return "stalled_fixed_point", _too_low(run, low)
             return "converged", (
                 f"after {len(run.points)} passes the last EM step changed the log-likelihood by "
                 f"{now.loglik - before.loglik:.2g} and no log standard deviation or correlation by more than "
@@ -270,9 +271,20 @@ def _iterate(run: _Run, start: NoiseValues) -> tuple[Status, str]:
         if run.options.acceleration == "squarem" and not run.full:
             jumped = run.try_jump(before, now)
             now = now if jumped is None else jumped
+    # From a start as good as zero the moments are rounding: covariances creep, though the log-likelihood is at rest.
+    rests = before is not now and abs(now.loglik - before.loglik) <= run.options.loglik_tolerance
+    if rests and (low := run.too_low(now)):
+        return "stalled_fixed_point", _too_low(run, low)
     return "max_passes", (
         f"{len(run.points)} passes were not enough: the last EM step still changes a log standard deviation or a "
         f"correlation by {now.change:.2g}"
+    )
+
+
+def _too_low(run: _Run, low: str) -> str:
+    return (
+        f"after {len(run.points)} passes the log-likelihood moves no more, but a much greater {low} has the greater "
+        "likelihood: the start was so small that EM takes it for zero; start from a greater one"
     )
 
 
