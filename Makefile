@@ -6,11 +6,13 @@ BENCH := .bench
 LETTERS ?= abcdefg
 READY := $(VENV)/.ready
 JOBS ?= 2
+FUZZ ?= 10000
+FUZZ_FILES ?= 4000
 CONFIG ?= noiseid_cli/config/quickstart.yaml
 RUNS ?= runs
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo run simulate import estimate report test test-browser lint format bench validation clean
+.PHONY: help setup demo run simulate import estimate report test test-browser fuzz lint format bench validation clean
 
 help: ## List the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  %-13s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -44,6 +46,10 @@ test: $(READY) ## Run the tests
 
 test-browser: $(READY) ## Open the report in headless Chromium, where there is one
 	$(BIN)/python -m pytest -m browser tests/browser
+
+fuzz: $(READY) ## Damaged files and mutated experiments, many (FUZZ experiments, FUZZ_FILES files)
+	FUZZ=$(FUZZ) FUZZ_FILES=$(FUZZ_FILES) $(BIN)/python -m pytest -q tests/config/test_config_fuzz.py \
+		tests/storage/test_file_fuzz.py
 
 lint: $(READY) ## Check style, types and the import floors
 	$(BIN)/ruff check .

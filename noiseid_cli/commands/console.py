@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 
 import typer
 
-from noiseid_cli.commands.text import wrapped
+from noiseid_cli.commands.text import visible, wrapped
 from noiseid_cli.errors import ConfigError, NoiseidError
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -40,7 +40,8 @@ def answer_json(data: Any) -> None:
 
 
 def say(text: str) -> None:
-    """Print talk on stderr; on a terminal wrapped at its width."""
+    """Print talk on stderr; on a terminal wrapped at its width. What comes from files cannot steer the terminal."""
+    text = visible(text)
     typer.echo(wrapped(text, width(sys.stderr)) if sys.stderr.isatty() else text, err=True)
 
 

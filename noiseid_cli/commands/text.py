@@ -10,6 +10,11 @@ _NARROW = 14
 _AS_IT_IS = 4
 
 
+def visible(text: str) -> str:
+    """The text with every character that steers a terminal or turns the direction of writing shown as its escape."""
+    return "".join(c if c.isprintable() or c in "\n\t" else c.encode("unicode_escape").decode() for c in text)
+
+
 def filled(text: str, width: int, first: str = "", then: str = "") -> str:
     """A paragraph in lines of at most ``width``; names and paths are never broken."""
     return textwrap.fill(

@@ -147,9 +147,17 @@ def _mean_or_nan(values: Array) -> Array:
     return mean
 
 
+def _standardised(r: Array) -> Array:
+    """Each column less its mean, over its largest deviation: powers of it neither overflow nor vanish."""
+    centred = r - _mean_or_nan(r)
+    largest = np.max(np.abs(centred), axis=0, initial=0.0, where=np.isfinite(centred))
+    scaled: Array = np.divide(centred, largest, out=np.zeros_like(centred), where=largest > 0)
+    return np.where(np.isfinite(r), scaled, np.nan)
+
+
 def _excess_kurtosis(r: Array) -> Array:
     """Fourth central moment over the squared second, minus 3, per column; NaN for a constant column."""
-    centred = r - _mean_or_nan(r)
+    centred = _standardised(r)
     m2, m4 = _mean_or_nan(centred**2), _mean_or_nan(centred**4)
     usable = np.isfinite(m2) & (m2 > 0)
     ratio: Array = np.divide(m4, m2**2, out=np.full(r.shape[1], np.nan), where=usable)
@@ -158,7 +166,7 @@ def _excess_kurtosis(r: Array) -> Array:
 
 def _jarque_bera(r: Array) -> Array:
     """P-value of n/6 (skewness^2 + excess kurtosis^2 / 4) as chi-square with two degrees (Jarque & Bera 1987)."""
-    centred = r - _mean_or_nan(r)
+    centred = _standardised(r)
     n = np.isfinite(r).sum(axis=0)
     m2, m3 = _mean_or_nan(centred**2), _mean_or_nan(centred**3)
     usable = np.isfinite(m2) & (m2 > 0)

@@ -23,5 +23,6 @@ def nees(recording: Recording, filtered: Filtered | SigmaFiltered) -> Array:
     out = np.full(len(e), np.nan)
     if regular.any():
         white = np.linalg.solve(filtered.U_filt[regular].transpose(0, 2, 1), e[regular][:, :, None])[:, :, 0]
-        out[regular] = np.mean(white**2, axis=1)
+        with np.errstate(over="ignore"):  # an error beyond 1e154 standard deviations is infinite
+            out[regular] = np.mean(white**2, axis=1)
     return out

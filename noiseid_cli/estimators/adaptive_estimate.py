@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from noiseid_cli.estimators.adaptive_srukf import AdaptiveFilter, AdaptiveOptions
+from noiseid_cli.estimators.data_check import check_data
 from noiseid_cli.estimators.estimate import Estimate, Parameters, Progress, Series, Status
 from noiseid_cli.estimators.online_record import (
     TimeAxis,
@@ -64,9 +65,10 @@ def estimate(
         states_std, states_true.
 
     Raises:
-        EstimationError: see ``AdaptiveFilter``.
+        EstimationError: see ``AdaptiveFilter`` and ``check_data``.
         ModelError: a parameter is not known.
     """
+    check_data(compiled, recordings, steps_needed=unknowns.Q is not None)
     began = time.perf_counter()
     filter_ = AdaptiveFilter(
         model, compiled, start, unknowns, parameters, options, longest=sum(r.samples for r in recordings)

@@ -14,6 +14,7 @@ import numpy as np
 
 from noiseid_cli.errors import EstimationError
 from noiseid_cli.estimators.adaptive_srukf import complete
+from noiseid_cli.estimators.data_check import check_data
 from noiseid_cli.estimators.estimate import Estimate, Parameters, Progress, Series
 from noiseid_cli.estimators.online_record import (
     TimeAxis,
@@ -173,9 +174,10 @@ def estimate(
         parameters_std, parameters_true, states, states_std, states_true.
 
     Raises:
-        EstimationError: see ``JointFilter``.
+        EstimationError: see ``JointFilter`` and ``check_data``.
         ModelError: a parameter is not known.
     """
+    check_data(compiled, recordings, steps_needed=False)
     began = time.perf_counter()
     filter_ = JointFilter(model, compiled, noise, parameters, options)
     axis = TimeAxis.of(recordings)

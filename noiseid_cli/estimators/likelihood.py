@@ -93,8 +93,12 @@ class Likelihood:
                 loglik += filtered.loglik
                 if with_gradient:
                     gradients.append(loglik_gradient(model, recording, filtered, noise.Q))
-            slope = self.coordinates.slope(z, gradients) if with_gradient else nothing[1]
+            with np.errstate(over="ignore", invalid="ignore"):  # looked at below
+                slope = self.coordinates.slope(z, gradients) if with_gradient else nothing[1]
         except (FilterDivergedError, EstimationError, np.linalg.LinAlgError) as error:
             self.failures.append(str(error))
+            return nothing
+        if with_gradient and not np.all(np.isfinite(slope)):
+            self.failures.append("the gradient of the log-likelihood is beyond the floating-point numbers")
             return nothing
         return loglik, slope

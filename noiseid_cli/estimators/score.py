@@ -57,7 +57,7 @@ def score(
 
     Raises:
         FilterDivergedError: the filter fails at this point.
-        LinAlgError: an unknown covariance is singular.
+        LinAlgError: an unknown covariance is singular, or as good as that.
     """
     blocks = None if unknowns.R is None else unknowns.R.block_of
     statistics = e_step(model, recordings, noise, FILTERED, blocks, weights)
@@ -66,7 +66,10 @@ def score(
         counts, moment = _moment(name, statistics, noise)
         directions = structure.jacobian(structure.coordinates(value))
         scale = np.sqrt(np.diag(value))
-        inverse = np.linalg.inv(value / np.outer(scale, scale)) / np.outer(scale, scale)
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # looked at below
+            inverse = np.linalg.inv(value / np.outer(scale, scale)) / np.outer(scale, scale)
+        if not np.all(np.isfinite(inverse)):
+            raise np.linalg.LinAlgError(f"{name} is so small that its inverse is beyond the floating-point numbers")
         known = np.where(np.isfinite(moment), moment, value)
         if not structure.scale:
             known = np.where(structure.block_of[:, None] == structure.block_of[None, :], known, 0.0)

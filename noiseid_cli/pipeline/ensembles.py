@@ -67,11 +67,13 @@ def ensemble(task: Task) -> Ensemble:
     """
     from noiseid_cli.estimators.cross_sectional.ensemble import Ensemble, check_first
     from noiseid_cli.estimators.cross_sectional.problem import Coordinates, Theta
+    from noiseid_cli.estimators.data_check import check_data
     from noiseid_cli.models.discretisation import DENSITY
     from noiseid_cli.models.linear_family import LinearFamily
     from noiseid_cli.models.linearity import nonlinearity
 
     u, model = task.unknowns, task.equations
+    check_data(task.model, task.recordings, steps_needed=False)
     if not u.m0 or u.P0 is None:
         raise EstimationError(
             "batch-ml and recursive-ml estimate the mean and the covariance of the first state together: give both "

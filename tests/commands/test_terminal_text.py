@@ -37,6 +37,12 @@ def test_an_equation_breaks_outside_brackets_first():
     assert list(text.equation("x = { a if b; c otherwise }", 30)) == ["  x = { a if b; c otherwise }"]
 
 
+def test_what_steers_a_terminal_is_shown_as_its_escape(capsys):
+    assert text.visible("a\x1b[2J\u202eb\tÄ·²\n") == "a\\x1b[2J\\u202eb\tÄ·²\n"
+    console.complain("x\u2066y\x07")
+    assert capsys.readouterr().err == "noiseid: x\\u2066y\\x07\n"
+
+
 def test_cells_of_a_wide_table_wrap_in_their_column():
     rows = [("m1", "kg", "mass of the first of all the arms"), ("J", "kg m^2", "short")]
     assert list(text.table(("name", "unit", "what"), rows, 36)) == [

@@ -59,15 +59,22 @@ def score(
     """Minimise l from ``start`` (Sigma >= 0) until the Newton decrement is below ``tolerance``.
 
     Raises:
-        EstimationError: the objective fails at the start, or the information is not positive definite on the way.
+        EstimationError: the objective fails at the start, the information is not positive definite on the way, or the
+            likelihood leaves the range of floating-point numbers.
     """
     theta, halvings = start, 0
     nll, gradient, information = objective(theta)
     path, path_nll = [coordinates.pack(theta)], [nll]
     while True:
         free = free_directions(theta, gradient, information, coordinates)
-        step = -free @ solve_positive(free.T @ information @ free, free.T @ gradient)
-        decrement = float(-gradient @ step)
+        with np.errstate(over="ignore", invalid="ignore"):  # told of below
+            step = -free @ solve_positive(free.T @ information @ free, free.T @ gradient)
+            decrement = float(-gradient @ step)
+        if not np.isfinite(decrement):
+            raise EstimationError(
+                f"the Newton decrement of the likelihood is {decrement:g} after {len(path) - 1} iterations: the tests "
+                "and the start are too far apart for its numbers; bring the start to their scale"
+            )
         converged, reason = decrement < tolerance, "the likelihood is at its maximum"
         if not converged and len(path) > max_iterations:
             reason = "more iterations are needed"
