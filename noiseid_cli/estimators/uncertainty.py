@@ -243,7 +243,7 @@ def _linearisation(
     if gain > OFF_MAXIMUM:
         out.append(
             f"The end is off the maximum of the filter's log-likelihood, by about {gain:.2g}: standard errors are "
-            "those at the end; more passes, or `linearisation: filtered`, get nearer."
+            "those at the end; more passes may get nearer, or `linearisation: filtered` where that is not set yet."
         )
     apart = float(np.max(np.abs(slopes - here.gradient)[kept] * error[kept], initial=0.0))
     if apart > DISAGREEMENT:
