@@ -197,3 +197,21 @@ def test_many_units_stay_legible(tmp_path):
     assert "2 of 40 units are drawn" in text
     assert files.html.stat().st_size < 1_000_000
     assert_no_nan(files)
+
+
+def test_a_full_disk_leaves_no_half_file_of_a_report(tmp_path, monkeypatch):
+    from noiseid_cli.report import page
+
+    kept = tmp_path / "kept.md"
+    kept.write_text("old")
+    real = page.Path.write_bytes
+
+    def full(path, content):
+        real(path, content[:1])
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(page.Path, "write_bytes", full)
+    with pytest.raises(OSError, match="No space"):
+        page._write(kept, b"new")
+    assert [path.name for path in tmp_path.iterdir()] == ["kept.md"]
+    assert kept.read_text() == "old"
