@@ -1,7 +1,7 @@
 """How much memory a unit of work takes at once, and how much there is; so that too much is refused before the work.
 
-The estimate counts the arrays that grow with the number of samples. Measured on linear models of 4 and 8 states with
-two noises and two outputs (20 000 to 400 000 samples), the peak was 0.4 to 0.9 of it.
+The estimate counts the arrays that grow with the number of samples. It is from above: a test holds the peak of a run of
+EM between 0.2 of it and the whole.
 """
 
 from __future__ import annotations
