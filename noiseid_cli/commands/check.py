@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from noiseid_cli.commands.console import answer, answer_json, guarded, width
-from noiseid_cli.commands.options import RUNS, Config, Json, Method, Out, Quiet, Seed, Set
+from noiseid_cli.commands.options import RUNS, Config, Flags, Json, Method, Out, Quiet, Seed, Set
 from noiseid_cli.commands.text import facts
 from noiseid_cli.pipeline.wording import counted
 
@@ -34,7 +34,7 @@ def check(
     from noiseid_cli.pipeline.memory import check_memory, in_words, memory_needs, memory_there
     from noiseid_cli.pipeline.units import data_stage, dataset_units, estimate_units
 
-    context = open_job(config, out, overrides, seed, quiet=quiet).context
+    context = open_job(config, Flags(overrides, seed, out=out, quiet=quiet)).context
     model = context.model
     model.equations()
     units: dict[str, Sequence[Unit]] = {data_stage(context): dataset_units(context)}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from noiseid_cli.commands.console import answer, answer_json, guarded, width
-from noiseid_cli.commands.options import RUNS, Config, Json, Method, Quiet, Set
+from noiseid_cli.commands.options import Config, Flags, Json, Method, Quiet, Set
 from noiseid_cli.commands.text import filled
 
 
@@ -18,7 +18,7 @@ def cite(
     from noiseid_cli.commands.stages import open_job
     from noiseid_cli.pipeline.reporting import citations
 
-    papers = citations(open_job(config, RUNS, overrides, None, quiet=quiet).context, method)
+    papers = citations(open_job(config, Flags(overrides, quiet=quiet)).context, method)
     if json:
         answer_json(papers)
         return

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from noiseid_cli.commands.console import answer, answer_json, guarded, width
-from noiseid_cli.commands.options import RUNS, Json, Method, Out, Quiet, Seed, Set
+from noiseid_cli.commands.options import RUNS, ConfigOrResult, Flags, Json, Method, Out, Quiet, Seed, Set
 
 
 class At(StrEnum):
@@ -23,14 +22,7 @@ class At(StrEnum):
 
 @guarded
 def diagnose(
-    what: Annotated[
-        Path | None,
-        typer.Argument(
-            metavar="CONFIG|RESULT",
-            help="Experiment file, or a result file (.h5). Default: ./noiseid.yaml, else the built-in flexible robot.",
-            show_default=False,
-        ),
-    ] = None,
+    what: ConfigOrResult = None,
     at: Annotated[
         At | None, typer.Option("--at", help="Whose noise values to look at closely. Default: the estimate.")
     ] = None,
@@ -56,7 +48,7 @@ def diagnose(
     else:
         from noiseid_cli.commands.stages import open_job
 
-        job = open_job(what, out, overrides, seed, quiet=quiet, json=json)
+        job = open_job(what, Flags(overrides, seed, out=out, quiet=quiet, json=json))
         found = diagnose_experiment(job.context, method, place)
     if json:
         answer_json(

@@ -3,45 +3,12 @@
 from __future__ import annotations
 
 from noiseid_cli.commands.console import guarded
-from noiseid_cli.commands.options import (
-    RUNS,
-    Config,
-    Continue,
-    Dask,
-    DryRun,
-    Force,
-    Jobs,
-    Json,
-    Method,
-    Out,
-    Quiet,
-    Seed,
-    Set,
-    UnitTimeout,
-    Verbose,
-    Wait,
-    with_continuation,
-)
+from noiseid_cli.commands.options import Config, Continue, Flags, Method, with_continuation, with_flags
 
 
 @guarded
-def estimate(
-    config: Config = None,
-    method: Method = None,
-    overrides: Set = None,
-    go_on: Continue = None,
-    seed: Seed = None,
-    jobs: Jobs = 1,
-    out: Out = RUNS,
-    force: Force = False,
-    dry_run: DryRun = False,
-    wait: Wait = False,
-    dask: Dask = "",
-    time_limit: UnitTimeout = None,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-    json: Json = False,
-) -> None:
+@with_flags
+def estimate(flags: Flags, config: Config = None, method: Method = None, go_on: Continue = None) -> None:
     """Run the methods on the datasets.
 
     The datasets must be there: `noiseid simulate` or `noiseid import` makes them, with the same settings.
@@ -49,20 +16,6 @@ def estimate(
     from noiseid_cli.commands.stages import open_job
     from noiseid_cli.pipeline.reporting import show_results
 
-    job = open_job(
-        config,
-        out,
-        with_continuation(overrides, go_on),
-        seed,
-        jobs=jobs,
-        force=force,
-        dry_run=dry_run,
-        wait=wait,
-        dask=dask,
-        time_limit=time_limit,
-        quiet=quiet,
-        verbose=verbose,
-        json=json,
-    )
+    job = open_job(config, with_continuation(flags, go_on))
     job.estimate(method)
-    job.finish(None if dry_run else show_results(job.context, method))
+    job.finish(None if flags.dry_run else show_results(job.context, method))

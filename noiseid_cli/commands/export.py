@@ -8,21 +8,14 @@ from typing import Annotated
 import typer
 
 from noiseid_cli.commands.console import UNFINISHED, answer, complain, guarded
-from noiseid_cli.commands.options import RUNS, Method, Out, Seed, Set
+from noiseid_cli.commands.options import RUNS, ConfigOrResult, Flags, Method, Out, Seed, Set
 
 _ALL = "yaml,json,mat,npz"
 
 
 @guarded
 def export(
-    target: Annotated[
-        Path | None,
-        typer.Argument(
-            metavar="RESULT|CONFIG",
-            help="A result file (.h5), or an experiment, for all its results. Default: as for run.",
-            show_default=False,
-        ),
-    ] = None,
+    target: ConfigOrResult = None,
     to: Annotated[
         Path | None,
         typer.Option(
@@ -37,8 +30,8 @@ def export(
 ) -> None:
     """Write Q, R, m0 and P0 for other programs.
 
-    As YAML, JSON, MAT and NumPy archive: with names, units, sample time, what is meant per sample, the model's
-    parameters, and where it all came from.
+    Of one result, or of all results of an experiment. As YAML, JSON, MAT and NumPy archive: with names, units, sample
+    time, what is meant per sample, the model's parameters, and where it all came from.
     """
     from noiseid_cli.storage.atomic import publish
     from noiseid_cli.storage.export import read_exported
@@ -98,7 +91,7 @@ def _results(
     from noiseid_cli.errors import DataError
     from noiseid_cli.pipeline.units import estimate_units
 
-    context = open_job(config, out, overrides, seed).context
+    context = open_job(config, Flags(overrides, seed, out=out)).context
     units = estimate_units(context, method)
     done = [unit.path for unit in units if unit.done]
     if not done:

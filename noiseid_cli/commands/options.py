@@ -2,16 +2,30 @@
 
 from __future__ import annotations
 
+import functools
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, TypeVar
 
 import typer
+
+F = TypeVar("F", bound=Callable[..., Any])
 
 Config = Annotated[
     Path | None,
     typer.Argument(
         metavar="CONFIG",
         help="Experiment file. Default: ./noiseid.yaml, else the built-in flexible robot.",
+        show_default=False,
+    ),
+]
+ConfigOrResult = Annotated[
+    Path | None,
+    typer.Argument(
+        metavar="CONFIG|RESULT",
+        help="Experiment file, or a result file (.h5). Default: ./noiseid.yaml, else the built-in flexible robot.",
         show_default=False,
     ),
 ]
@@ -70,10 +84,44 @@ Json = Annotated[bool, typer.Option("--json", help="The answer as JSON.")]
 RUNS = Path("runs")
 
 
-def with_continuation(overrides: list[str] | None, result: Path | None) -> list[str] | None:
-    """The overrides, with the setting that ``--continue`` stands for."""
+@dataclass(frozen=True)
+class Flags:
+    """The flags of every command that runs units of work, in the order of its help."""
+
+    overrides: Set = None
+    seed: Seed = None
+    jobs: Jobs = 1
+    out: Out = RUNS
+    force: Force = False
+    dry_run: DryRun = False
+    wait: Wait = False
+    dask: Dask = ""
+    time_limit: UnitTimeout = None
+    quiet: Quiet = False
+    verbose: Verbose = False
+    json: Json = False
+
+
+def with_flags(command: F) -> F:
+    """Show typer each flag of ``Flags`` in the place of the parameter ``flags`` of a command, behind its others."""
+    own = [each for each in inspect.signature(command, eval_str=True).parameters.values() if each.name != "flags"]
+    shared = inspect.signature(Flags, eval_str=True).parameters
+
+    @functools.wraps(command)
+    def wrapper(**given: Any) -> Any:
+        flags = Flags(**{name: given.pop(name) for name in shared})
+        return command(flags=flags, **given)
+
+    wrapper.__signature__ = inspect.Signature([*own, *shared.values()])  # type: ignore[attr-defined]
+    return wrapper  # type: ignore[return-value]
+
+
+def with_continuation(flags: Flags, result: Path | None) -> Flags:
+    """The flags, with the setting that ``--continue`` stands for."""
     if result is None:
-        return overrides
+        return flags
     import json
 
-    return [*(overrides or []), f"estimate.continue_from={json.dumps(str(result.absolute()))}"]
+    return replace(
+        flags, overrides=[*(flags.overrides or []), f"estimate.continue_from={json.dumps(str(result.absolute()))}"]
+    )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from noiseid_cli.commands.console import guarded
-from noiseid_cli.commands.options import RUNS, Config, Json, Method, Out, Quiet, Seed, Set
+from noiseid_cli.commands.options import RUNS, Config, Flags, Json, Method, Out, Quiet, Seed, Set
 
 
 @guarded
@@ -22,5 +22,5 @@ def report(
     """
     from noiseid_cli.commands.stages import open_job
 
-    job = open_job(config, out, overrides, seed, quiet=quiet, json=json)
+    job = open_job(config, Flags(overrides, seed, out=out, quiet=quiet, json=json))
     job.finish(job.report(method, anew=True))

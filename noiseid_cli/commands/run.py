@@ -3,42 +3,12 @@
 from __future__ import annotations
 
 from noiseid_cli.commands.console import guarded
-from noiseid_cli.commands.options import (
-    RUNS,
-    Config,
-    Dask,
-    DryRun,
-    Force,
-    Jobs,
-    Json,
-    Method,
-    Out,
-    Quiet,
-    Seed,
-    Set,
-    UnitTimeout,
-    Verbose,
-    Wait,
-)
+from noiseid_cli.commands.options import Config, Flags, Method, with_flags
 
 
 @guarded
-def run(
-    config: Config = None,
-    method: Method = None,
-    overrides: Set = None,
-    seed: Seed = None,
-    jobs: Jobs = 1,
-    out: Out = RUNS,
-    force: Force = False,
-    dry_run: DryRun = False,
-    wait: Wait = False,
-    dask: Dask = "",
-    time_limit: UnitTimeout = None,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-    json: Json = False,
-) -> None:
+@with_flags
+def run(flags: Flags, config: Config = None, method: Method = None) -> None:
     """Simulate or import, estimate, report: all that is not done yet.
 
     What is done is not done again: each file is named by a key of all settings and data that it depends on. So a run
@@ -47,21 +17,7 @@ def run(
     from noiseid_cli.commands.stages import open_job
     from noiseid_cli.pipeline.units import chosen_methods, data_stage, dataset_units
 
-    job = open_job(
-        config,
-        out,
-        overrides,
-        seed,
-        jobs=jobs,
-        force=force,
-        dry_run=dry_run,
-        wait=wait,
-        dask=dask,
-        time_limit=time_limit,
-        quiet=quiet,
-        verbose=verbose,
-        json=json,
-    )
+    job = open_job(config, flags)
     context = job.context
     estimates = context.experiment.estimate is not None
     if estimates or method:
@@ -69,4 +25,4 @@ def run(
     job.run(data_stage(context), dataset_units(context))
     if estimates:
         job.estimate(method)
-    job.finish(job.report(method) if estimates and not dry_run else None)
+    job.finish(job.report(method) if estimates and not flags.dry_run else None)

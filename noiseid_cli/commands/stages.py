@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from noiseid_cli.commands.console import FAULTY, UNFINISHED, answer, answer_json, complain, width
+from noiseid_cli.commands.options import Flags
 from noiseid_cli.commands.progress import QuietListener, listener
 from noiseid_cli.errors import DataError
 from noiseid_cli.pipeline.wording import counted
@@ -29,20 +30,14 @@ class Job:
     Attributes:
         context: the experiment.
         listener: is told what goes on.
-        jobs, force, dry_run, wait, dask, time_limit, json: the flags.
+        flags: of the command.
         stages: what came of the units of each stage that has run.
         waiting: number of units that could not run for want of their dataset.
     """
 
     context: Context
     listener: QuietListener
-    jobs: int
-    force: bool
-    dry_run: bool
-    wait: bool
-    dask: str
-    time_limit: float | None
-    json: bool
+    flags: Flags
     stages: dict[str, list[Token]] = field(default_factory=dict)
     waiting: int = 0
 
@@ -55,15 +50,17 @@ class Job:
         from noiseid_cli.pipeline.engine import run_units
         from noiseid_cli.pipeline.making import Token
 
-        if self.dry_run:
+        flags = self.flags
+        if flags.dry_run:
             self.stages[stage] = [
-                Token(u.name, u.path, "there" if u.done and not self.force else "to do") for u in units
+                Token(u.name, u.path, "there" if u.done and not flags.force else "to do") for u in units
             ]
             return
         with self.listener:
             tokens = run_units(
-                self.context, stage, units, self.listener, self.jobs, self.force, self.wait, self.dask, self.time_limit
-            )
+                self.context, stage, units, self.listener, flags.jobs, flags.force, flags.wait, flags.dask,
+                flags.time_limit,
+            )  # fmt: skip
         self.stages[stage] = tokens
         failed = sum(token.state == "failed" for token in tokens)
         if failed and len(tokens) > 1:
@@ -94,8 +91,8 @@ class Job:
         from noiseid_cli.pipeline.units import data_stage, estimate_units, waiting_units
 
         units = estimate_units(self.context, methods)
-        if not self.dry_run:
-            waiting = waiting_units(self.context, units, self.force)
+        if not self.flags.dry_run:
+            waiting = waiting_units(self.context, units, self.flags.force)
             self.waiting = len(waiting)
             stage = data_stage(self.context)
             if waiting and stage not in self.stages:
@@ -114,7 +111,7 @@ class Job:
 
     def finish(self, reported: Reported | None = None) -> None:
         """Print the answer, and leave with 4 if a unit failed or an estimate did not converge."""
-        if self.json:
+        if self.flags.json:
             answer_json(self._as_data(reported))
         else:
             self._answer(reported)
@@ -152,10 +149,10 @@ class Job:
         new = [token for token in tokens if token.state != "there"]
         some = files if len(new) == len(tokens) else f"{len(new)} of {files}"
         if not new:
-            answer(f"{stage}: nothing to do, {files} there" + ("" if self.dry_run else ":"))
+            answer(f"{stage}: nothing to do, {files} there" + ("" if self.flags.dry_run else ":"))
         else:
-            answer(f"{stage}: {some} {'to do' if self.dry_run else 'made now'}:")
-        for token in new if self.dry_run else tokens:
+            answer(f"{stage}: {some} {'to do' if self.flags.dry_run else 'made now'}:")
+        for token in new if self.flags.dry_run else tokens:
             answer(f"  {token.path}")
 
     def _as_data(self, reported: Reported | None) -> dict[str, Any]:
@@ -179,31 +176,16 @@ class Job:
         return data
 
 
-def open_job(
-    config: Path | None,
-    out: Path,
-    overrides: list[str] | None,
-    seed: int | None,
-    *,
-    jobs: int = 1,
-    force: bool = False,
-    dry_run: bool = False,
-    wait: bool = False,
-    dask: str = "",
-    time_limit: float | None = None,
-    quiet: bool = False,
-    verbose: bool = False,
-    json: bool = False,
-) -> Job:
+def open_job(config: Path | None, flags: Flags) -> Job:
     """Find and open the experiment, and say which one was taken."""
     from noiseid_cli.config.load import find_experiment
     from noiseid_cli.pipeline.cluster import check_address
     from noiseid_cli.pipeline.context import open_experiment
 
-    if dask:
-        check_address(dask)  # a wrong one is told before anything is made
+    if flags.dask:
+        check_address(flags.dask)  # a wrong one is told before anything is made
     found = find_experiment(config)
-    heard = listener(quiet, verbose)
+    heard = listener(flags.quiet, flags.verbose)
     heard.say(found.sentence)
-    context = open_experiment(found.file, out, overrides or (), seed, heard.say)
-    return Job(context, heard, jobs, force, dry_run, wait, dask, time_limit, json)
+    context = open_experiment(found.file, flags.out, flags.overrides or (), flags.seed, heard.say)
+    return Job(context, heard, flags)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from noiseid_cli.commands.console import UNFINISHED, answer, answer_json, guarded, width
-from noiseid_cli.commands.options import RUNS, Config, Json, Method, Out, Seed, Set
+from noiseid_cli.commands.options import RUNS, Config, Flags, Json, Method, Out, Seed, Set
 from noiseid_cli.commands.text import wrapped
 from noiseid_cli.pipeline.wording import counted
 
@@ -33,7 +33,7 @@ def status(
     from noiseid_cli.commands.stages import open_job
     from noiseid_cli.pipeline.status import experiment_status
 
-    context = open_job(config, out, overrides, seed, quiet=json).context
+    context = open_job(config, Flags(overrides, seed, out=out, quiet=json)).context
     found = experiment_status(context, method)
     if json:
         answer_json(_as_data(context, found))
