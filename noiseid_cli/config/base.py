@@ -28,6 +28,12 @@ def refuse(message: str, at: Sequence[str | int] = ()) -> NoReturn:
     raise PydanticCustomError("refused", "{message}", {"message": message, "at": tuple(at)})
 
 
+def refuse_order(lowest: float, highest: float) -> None:
+    """Refuse bounds of which the upper one, ``highest``, is not above the lower one."""
+    if highest <= lowest:
+        refuse(f"must be above lowest, {lowest:g}, not {highest:g}", at=["highest"])
+
+
 def _whole(value: Any) -> Any:
     """Take 4e3 for 4000, but leave 0.5 to be refused."""
     if isinstance(value, float) and abs(value) <= 2.0**53 and value.is_integer():

@@ -12,8 +12,9 @@ from noiseid_cli.config.check_simulate import check_simulate
 from noiseid_cli.config.document import Path
 from noiseid_cli.config.findings import FREE, Findings, ModelNames, check_length
 from noiseid_cli.config.load import LoadedExperiment
-from noiseid_cli.config.schema_estimate import Estimate, MeanChoice
+from noiseid_cli.config.schema_estimate import Estimate
 from noiseid_cli.config.schema_import import Import
+from noiseid_cli.config.schema_unknowns import MeanChoice
 from noiseid_cli.config.suggest import did_you_mean
 from noiseid_cli.errors import Problem
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from noiseid_cli.config.method_base import KINDS, STRUCTURES, MethodOptions
 from noiseid_cli.config.methods import METHOD_OPTIONS
 from noiseid_cli.config.methods_online import JointSrukfOptions
-from noiseid_cli.config.schema_estimate import Blocks, Estimate
+from noiseid_cli.config.schema_estimate import Estimate
+from noiseid_cli.config.schema_unknowns import Blocks
 
 
 def wanted(section: Estimate) -> set[str]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from noiseid_cli.config.covariance import Covariance, NoiseCovariance, smallest_eigenvalue
 from noiseid_cli.config.document import Path
-from noiseid_cli.config.schema_estimate import Blocks, CovarianceChoice
+from noiseid_cli.config.schema_unknowns import Blocks, CovarianceChoice
 from noiseid_cli.config.suggest import counted, did_you_mean
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, ConfigDict, Field, Strict, WithJsonSchema, model_validator
 
-from noiseid_cli.config.base import Base, Count, Label, Positive, Text, refuse, unique
+from noiseid_cli.config.base import Base, Count, Label, Positive, Text, refuse, refuse_order, unique
 from noiseid_cli.config.overrides import PathError, parse_path
 
 MAX_POINTS = 100_000
@@ -23,8 +23,7 @@ class DrawUniform(Base):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if self.highest <= self.lowest:
-            refuse(f"must be above lowest, {self.lowest:g}, not {self.highest:g}", at=["highest"])
+        refuse_order(self.lowest, self.highest)
         return self
 
 
@@ -37,8 +36,7 @@ class DrawLogUniform(Base):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if self.highest <= self.lowest:
-            refuse(f"must be above lowest, {self.lowest:g}, not {self.highest:g}", at=["highest"])
+        refuse_order(self.lowest, self.highest)
         return self
 
 

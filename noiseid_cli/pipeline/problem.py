@@ -14,8 +14,9 @@ from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.models.recording import Array, Dataset
 
 if TYPE_CHECKING:
-    from noiseid_cli.config.schema_estimate import CovarianceChoice, Estimate, MeanChoice
+    from noiseid_cli.config.schema_estimate import Estimate
     from noiseid_cli.config.schema_model import MarkovNoise
+    from noiseid_cli.config.schema_unknowns import CovarianceChoice, MeanChoice
     from noiseid_cli.models.compiled import CompiledModel
     from noiseid_cli.models.equations import Model
 
