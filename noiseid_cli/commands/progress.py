@@ -10,15 +10,14 @@ from typing import TYPE_CHECKING, Any, Self
 from noiseid_cli.commands.console import complain, say, width
 from noiseid_cli.commands.pace import Pace
 from noiseid_cli.commands.text import wrapped
+from noiseid_cli.pipeline.making import Listener, Token
 from noiseid_cli.pipeline.wording import counted
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from noiseid_cli.pipeline.making import Token
 
-
-class QuietListener:
+class QuietListener(Listener):
     """Says nothing but what failed."""
 
     def __init__(self) -> None:
@@ -32,24 +31,12 @@ class QuietListener:
     def __exit__(self, *_: object) -> None:
         """Nothing to tidy up."""
 
-    def stage(self, name: str, total: int, there: int) -> None:
-        """A stage begins."""
-
-    def begin(self, unit: str) -> None:
-        """A unit begins."""
-
-    def passed(self, unit: str, passes: int, loglik: float) -> None:
-        """A unit passed over its data."""
-
     def end(self, token: Token) -> None:
         """A unit ended; a reason that many of them fail for is given once."""
         if token.state == "failed":
             first = self._reasons.setdefault(token.message, token.unit)
             reason = token.message if first == token.unit else f"for the same reason as {first}"
             self.fault(f"{token.unit} failed: {reason}")
-
-    def say(self, sentence: str) -> None:
-        """Not said."""
 
     def fault(self, text: str) -> None:
         """Print what went wrong."""

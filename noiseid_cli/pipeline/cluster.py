@@ -76,7 +76,7 @@ def work(recipe: Recipe, unit: Unit) -> Token | str:
             context = _opened.get(recipe)
             if context is None:
                 context = _opened[recipe] = recipe.open(lambda _: None)
-        return make(context, unit, _Silent())
+        return make(context, unit, Listener())  # which does not listen: the token tells all
     except NoiseidError as error:
         return Token(unit.name, unit.path, "failed", str(error))
     except Exception:
@@ -85,25 +85,6 @@ def work(recipe: Recipe, unit: Unit) -> Token | str:
 
 _opening = threading.Lock()
 _opened: dict[Recipe, Context] = {}
-
-
-class _Silent:
-    """The listener on a worker: the token tells all."""
-
-    def stage(self, name: str, total: int, there: int) -> None:
-        """Not told."""
-
-    def begin(self, unit: str) -> None:
-        """Not told."""
-
-    def passed(self, unit: str, passes: int, loglik: float) -> None:
-        """Not told."""
-
-    def end(self, token: Token) -> None:
-        """Not told."""
-
-    def say(self, sentence: str) -> None:
-        """Not told."""
 
 
 def check_address(address: str) -> None:

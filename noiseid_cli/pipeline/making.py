@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Literal
 
 from noiseid_cli.errors import DamagedError, NoiseidError
 from noiseid_cli.pipeline.context import Context
@@ -45,8 +45,8 @@ class Token:
         return self.status not in ("", "converged")
 
 
-class Listener(Protocol):
-    """Is told what goes on."""
+class Listener:
+    """Is told what goes on. This one does not listen; others take up what they want to hear."""
 
     def stage(self, name: str, total: int, there: int) -> None:
         """A stage begins, with so many units of which some are there already."""
@@ -64,16 +64,26 @@ class Listener(Protocol):
         """Something worth a sentence; a listener leaves out what it has heard before."""
 
 
-def found(unit: Unit) -> Token:
-    """Token of a unit that is there, after its file was checked; the status of an estimate is read from it."""
+def ending(unit: Unit) -> tuple[str, str]:
+    """Status and reason of the estimate in a unit's file, empty for a dataset, after the file was checked.
+
+    Raises:
+        DataError: it cannot be used; DamagedError: it is not what was written.
+    """
     from noiseid_cli.storage.hdf5 import read_format
     from noiseid_cli.storage.result_file import read_result_attributes
 
+    if isinstance(unit, DatasetUnit):
+        read_format(unit.path)
+        return "", ""
+    kept = read_result_attributes(unit.path)
+    return kept["status"], kept["reason"]
+
+
+def found(unit: Unit) -> Token:
+    """Token of a unit that is there, after its file was checked; the status of an estimate is read from it."""
     try:
-        if isinstance(unit, DatasetUnit):
-            read_format(unit.path)
-            return Token(unit.name, unit.path, "there")
-        status = read_result_attributes(unit.path)["status"]
+        status, _ = ending(unit)
     except DamagedError as error:
         return Token(unit.name, unit.path, "damaged", str(error))
     except NoiseidError as error:

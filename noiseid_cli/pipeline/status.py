@@ -9,8 +9,7 @@ from typing import Literal
 
 from noiseid_cli.errors import DataError
 from noiseid_cli.pipeline.context import Context
-from noiseid_cli.pipeline.making import Unit
-from noiseid_cli.pipeline.unit import DatasetUnit
+from noiseid_cli.pipeline.making import Unit, ending
 from noiseid_cli.pipeline.units import data_stage, dataset_units, estimate_units
 
 Condition = Literal["done", "failed", "damaged", "missing"]
@@ -88,8 +87,6 @@ def experiment_status(context: Context, methods: list[str] | None = None) -> Exp
 
 def _look(unit: Unit, stage: str) -> UnitStatus:
     from noiseid_cli.storage.failure_file import read_failure
-    from noiseid_cli.storage.hdf5 import read_format
-    from noiseid_cli.storage.result_file import read_result_attributes
 
     if not unit.done:
         failure = read_failure(unit.path)
@@ -97,10 +94,7 @@ def _look(unit: Unit, stage: str) -> UnitStatus:
             return UnitStatus(unit.name, stage, unit.path, "missing")
         return UnitStatus(unit.name, stage, unit.path, "failed", reason=failure.reason, tries=failure.tries)
     try:
-        if isinstance(unit, DatasetUnit):
-            read_format(unit.path)
-            return UnitStatus(unit.name, stage, unit.path, "done")
-        kept = read_result_attributes(unit.path)
+        status, reason = ending(unit)
     except DataError as error:
         return UnitStatus(unit.name, stage, unit.path, "damaged", reason=str(error))
-    return UnitStatus(unit.name, stage, unit.path, "done", kept["status"], kept["reason"])
+    return UnitStatus(unit.name, stage, unit.path, "done", status, reason)

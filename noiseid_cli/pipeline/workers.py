@@ -80,7 +80,7 @@ def recipe_of(context: Context) -> Recipe:
     )
 
 
-class _Teller:
+class _Teller(Listener):
     """The listener inside a worker: hands on to the parent what it is told."""
 
     def __init__(self, pipe: Connection) -> None:
