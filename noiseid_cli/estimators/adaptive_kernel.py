@@ -17,7 +17,7 @@ from noiseid_cli.estimators.rpem import adapt
 from noiseid_cli.filters.ekf import NOT_FINITE, OK, SINGULAR_INNOVATION
 from noiseid_cli.filters.factors import factor_derivative
 from noiseid_cli.filters.sigma_points import draw, weighted_mean
-from noiseid_cli.filters.sigma_sensitivity import condition_derivative, draw_derivative, half_moment
+from noiseid_cli.filters.sigma_sensitivity import condition_derivative, half_moment
 from noiseid_cli.filters.sigma_steps import (
     INDEFINITE_PREDICTION,
     SINGULAR_STATE,
@@ -35,14 +35,10 @@ from noiseid_cli.models.signatures import matrix, vector
 def _predict(scheme, drift_jacobian, gain_varies, gain_jacobian, s, u, dt):  # type: ignore[no-untyped-def]
     """Time update of mean, factor and sensitivities (Table 1); returns a code."""
     n, nv, unknowns, nq = s.x.shape[0], s.UQ.shape[0], s.theta.shape[0], s.free.shape[0]
-    eta, outer, cov0, p, free = s.weights[0], s.weights[1], s.weights[2], s.p, s.free
+    outer, cov0, p, free = s.weights[1], s.weights[2], s.p, s.free
     for i in range(nq):
         s.UQ[free[i], free[i]] = math.sqrt(s.theta[i])
-    for i in range(nq, unknowns):
-        s.z[n + i - nq] = s.theta[i]
-    draw(s.x, s.U, eta, s.X)
-    for j in range(unknowns):
-        draw_derivative(s.dx[j], s.dU[j], eta, s.dX[j])
+    _draw(s)
     for i in range(2 * n + 1):
         s.z[:n] = s.X[i]
         transition(scheme, drift_jacobian, s.z, u, dt, p, s.z_next, s.F, s.Gz, s.work)
@@ -93,6 +89,18 @@ def _predict(scheme, drift_jacobian, gain_varies, gain_jacobian, s, u, dt):  # t
 
 
 @routine
+def _draw(s):  # type: ignore[no-untyped-def]
+    """Sigma points s.X and their derivatives s.dX; the parameters of now into the stacked state s.z."""
+    n, nq, eta = s.x.shape[0], s.free.shape[0], s.weights[0]
+    for i in range(nq, s.theta.shape[0]):
+        s.z[n + i - nq] = s.theta[i]
+    draw(s.x, s.U, eta, s.X)
+    for j in range(s.theta.shape[0]):
+        # The points are linear in mean and factor: their derivatives are the points of the derivatives.
+        draw(s.dx[j], s.dU[j], eta, s.dX[j])
+
+
+@routine
 def _push(F, dx, parameter, out):  # type: ignore[no-untyped-def]
     """f_x dx + f_theta: F is the stacked model's, ``parameter`` negative for a variance."""
     n = dx.shape[0]
@@ -131,11 +139,7 @@ def _correct(output_jacobian, s, u, y):  # type: ignore[no-untyped-def]
     """Correction of mean, factor and sensitivities (Table 2, to (d)); s.psi. Returns (code, loglik, observed)."""
     n, ny, unknowns, nq = s.x.shape[0], y.shape[0], s.theta.shape[0], s.free.shape[0]
     eta, outer, cov0 = s.weights[0], s.weights[1], s.weights[2]
-    for i in range(nq, unknowns):
-        s.z[n + i - nq] = s.theta[i]
-    draw(s.x, s.U, eta, s.X)
-    for j in range(unknowns):
-        draw_derivative(s.dx[j], s.dU[j], eta, s.dX[j])
+    _draw(s)
     for i in range(2 * n + 1):
         s.z[:n] = s.X[i]
         output_jacobian(s.z, u, s.p, s.Y[i], s.H)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from noiseid_cli.filters.factors import update
-from noiseid_cli.filters.linalg import triangularise
+from noiseid_cli.filters.linalg import backward_solve, forward_solve, triangularise
 from noiseid_cli.models.jit import routine
 
 
@@ -63,13 +63,9 @@ def adapt(theta, UT, UD, psi, e, observed, q, forgetting, is_open, A, L, US, W, 
             if is_open[j] > 0.0:
                 for r in range(j + 1):
                     L[j, b] += UT[r, j] * A[r, b]
-                for c in range(b):
-                    L[j, b] -= L[j, c] * US[c, b]
-                L[j, b] /= US[b, b]
+        forward_solve(US, q, L[j])
+        backward_solve(US, q, L[j])
         for b in range(q - 1, -1, -1):
-            for c in range(b + 1, q):
-                L[j, b] -= US[b, c] * L[j, c]
-            L[j, b] /= US[b, b]
             theta[j] += L[j, b] * e[b]
     for j in range(p):
         scale = 1.0 / root if is_open[j] > 0.0 else 1.0

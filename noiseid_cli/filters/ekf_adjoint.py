@@ -24,7 +24,7 @@ import numpy as np
 from numba import types
 
 from noiseid_cli.filters.ekf import Filtered, cube
-from noiseid_cli.filters.linalg import triangularise, upper_factor
+from noiseid_cli.filters.linalg import backward_solve, forward_solve, triangularise, upper_factor
 from noiseid_cli.models.compiled import CompiledModel
 from noiseid_cli.models.discretisation_adjoint import REVERSIBLE, adjoint_work_size, transition_adjoint
 from noiseid_cli.models.jit import kernel, routine
@@ -133,7 +133,7 @@ def _innovation_parts(U, H, UR, innovation, seen, Hs, Sinv, K, a, W, V, w):  # t
             W[ny + r, s] = total
             V[r, s] = total
     triangularise(W, ny + n, q, q, w)
-    # K' first holds US^-T H P, then S^-1 H P; Sinv likewise from the identity.
+    # Columns of S^-1 H P = K', then of S^-1.
     for c in range(n + q):
         for s in range(q):
             if c < n:
@@ -142,14 +142,9 @@ def _innovation_parts(U, H, UR, innovation, seen, Hs, Sinv, K, a, W, V, w):  # t
                     total += U[r, c] * V[r, s]
             else:
                 total = 1.0 if c - n == s else 0.0
-            for t in range(s):
-                total -= W[t, s] * w[t]
-            w[s] = total / W[s, s]
-        for s in range(q - 1, -1, -1):
-            total = w[s]
-            for t in range(s + 1, q):
-                total -= W[s, t] * w[t]
-            w[s] = total / W[s, s]
+            w[s] = total  # the right-hand side
+        forward_solve(W, q, w)
+        backward_solve(W, q, w)
         for s in range(q):
             if c < n:
                 K[c, s] = w[s]

@@ -167,6 +167,24 @@ def absorb(total, rows, W, w):  # type: ignore[no-untyped-def]
             total[r, c] = W[r, c]
 
 
+@routine
+def forward_solve(U, q, x):  # type: ignore[no-untyped-def]
+    """Replace x[:q] by U'^-1 x, U the leading (q, q) of an upper triangle."""
+    for b in range(q):
+        for c in range(b):
+            x[b] -= U[c, b] * x[c]
+        x[b] /= U[b, b]
+
+
+@routine
+def backward_solve(U, q, x):  # type: ignore[no-untyped-def]
+    """Replace x[:q] by U^-1 x, U the leading (q, q) of an upper triangle; after ``forward_solve``: (U'U)^-1 x."""
+    for b in range(q - 1, -1, -1):
+        for c in range(b + 1, q):
+            x[b] -= U[b, c] * x[c]
+        x[b] /= U[b, b]
+
+
 @kernel(types.void(matrix, matrix))
 def merge(total, other):  # type: ignore[no-untyped-def]
     """Triangularise [total; other] back into the upper factor ``total`` (p, p)."""

@@ -7,19 +7,8 @@ here is that of the number which ``sigma_steps`` computes, its gain included.
 from __future__ import annotations
 
 from noiseid_cli.filters.factors import factor_derivative
+from noiseid_cli.filters.linalg import backward_solve, forward_solve
 from noiseid_cli.models.jit import routine
-
-
-@routine
-def draw_derivative(dx, dU, eta, dX):  # type: ignore[no-untyped-def]
-    """Derivatives dX (2n + 1, n) of the points that ``sigma_points.draw`` gives, for one parameter."""
-    n = dx.shape[0]
-    for c in range(n):
-        dX[0, c] = dx[c]
-        for r in range(n):
-            d = eta * dU[r, c] if r <= c else 0.0
-            dX[1 + r, c] = dx[c] + d
-            dX[1 + n + r, c] = dx[c] - d
 
 
 @routine
@@ -67,13 +56,9 @@ def condition_derivative(U, dU, dP, Y, y_hat, dY, dy, q, e, Uyy, K, eta, outer, 
             gain[a, b] = dPxy[a, b]
             for c in range(q):
                 gain[a, b] -= K[a, c] * T[c, b]
-            for c in range(b):
-                gain[a, b] -= gain[a, c] * Uyy[c, b]
-            gain[a, b] /= Uyy[b, b]
+        forward_solve(Uyy, q, gain[a])
+        backward_solve(Uyy, q, gain[a])
         for b in range(q - 1, -1, -1):
-            for c in range(b + 1, q):
-                gain[a, b] -= Uyy[b, c] * gain[a, c]
-            gain[a, b] /= Uyy[b, b]
             dx[a] += gain[a, b] * e[b] - K[a, b] * dy[b]
     # Half of dP+ - dP is B = (K dPyy / 2 - dPxy) K'; the other half is its transpose.
     for a in range(n):

@@ -10,7 +10,7 @@ import math
 
 from noiseid_cli.filters.ekf import LOG_2PI, NOT_FINITE, OK, SINGULAR_INNOVATION
 from noiseid_cli.filters.factors import downdate, weighted_rank_one
-from noiseid_cli.filters.linalg import EPS, triangularise
+from noiseid_cli.filters.linalg import EPS, backward_solve, forward_solve, triangularise
 from noiseid_cli.models.jit import routine
 
 LEAST = math.sqrt(EPS)
@@ -108,9 +108,8 @@ def condition(x, U, Y, q, y_hat, e, UR, eta, outer, cov0, x_new, U_new, Uyy, Pxy
         if Uyy[b, b] == 0.0:
             return SINGULAR_INNOVATION, math.nan, False
         d[b] = e[b]
-        for c in range(b):
-            d[b] -= Uyy[c, b] * d[c]
-        d[b] /= Uyy[b, b]
+    forward_solve(Uyy, q, d)
+    for b in range(q):
         loglik -= 0.5 * d[b] * d[b] + math.log(Uyy[b, b])
     for a in range(n):
         for b in range(q):
@@ -122,9 +121,8 @@ def condition(x, U, Y, q, y_hat, e, UR, eta, outer, cov0, x_new, U_new, Uyy, Pxy
     for a in range(n):
         for b in range(q):
             K[a, b] = Pxy[a, b]
-            for c in range(b):
-                K[a, b] -= K[a, c] * Uyy[c, b]
-            K[a, b] /= Uyy[b, b]
+        forward_solve(Uyy, q, K[a])
+        for b in range(q):
             x_new[a] += K[a, b] * d[b]
     failed = False
     for b in range(q):
@@ -134,10 +132,7 @@ def condition(x, U, Y, q, y_hat, e, UR, eta, outer, cov0, x_new, U_new, Uyy, Pxy
             failed = True
             break
     for a in range(n):
-        for b in range(q - 1, -1, -1):
-            for c in range(b + 1, q):
-                K[a, b] -= Uyy[b, c] * K[a, c]
-            K[a, b] /= Uyy[b, b]
+        backward_solve(Uyy, q, K[a])
     if failed and not _stack(U, Y, q, y_hat, UR, eta, outer, cov0, U_new, K, W, w, d):
         return INDEFINITE_CORRECTION, math.nan, True
     return OK, loglik, failed

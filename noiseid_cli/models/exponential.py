@@ -29,30 +29,18 @@ def held_exponential(A, dt, Phi, Psi, work):  # type: ignore[no-untyped-def]
     B = work[: n * n].reshape(n, n)
     T = work[n * n : 2 * n * n].reshape(n, n)
     d = work[2 * n * n : 2 * n * n + n]
-    _balanced(A, B, d)
-    norm = 0.0
-    for j in range(n):
-        total = 0.0
-        for i in range(n):
-            total += abs(B[i, j])
-        norm = max(norm, total * dt) if math.isfinite(total) else math.inf
-    if not math.isfinite(norm):
+    doublings = _halved(A, dt, B, d)
+    if doublings < 0:
         Phi[:] = np.nan
         Psi[:] = np.nan
         return
-    doublings = max(0, math.frexp(norm)[1] + 1)
     h = math.ldexp(dt, -doublings)
     for i in range(n):
         for j in range(n):
-            B[i, j] *= h
             Psi[i, j] = 1.0 if i == j else 0.0
-    # Horner's rule for I + B/2! + B^2/3! + ...
     for k in range(_TERMS, 0, -1):
-        _product(B, Psi, T)
-        for i in range(n):
-            for j in range(n):
-                Psi[i, j] = T[i, j] / (k + 1.0)
-            Psi[i, i] += 1.0
+        _horner(B, Psi, k, T)
+        Psi[:, :] = T
     _product(B, Psi, Phi)
     for i in range(n):
         Phi[i, i] += 1.0
@@ -82,6 +70,38 @@ def _product(A, B, out):  # type: ignore[no-untyped-def]
             if a != 0.0:
                 for j in range(n):
                     out[i, j] += a * B[k, j]
+
+
+@routine
+def _horner(B, S, k, out):  # type: ignore[no-untyped-def]
+    """Write I + B S / (k + 1): one term of Horner's rule for I + B/2! + B^2/3! + ..."""
+    n = B.shape[0]
+    _product(B, S, out)
+    for i in range(n):
+        for j in range(n):
+            out[i, j] /= k + 1.0
+        out[i, i] += 1.0
+
+
+@routine
+def _halved(A, dt, B, d):  # type: ignore[no-untyped-def]
+    """Write B = D^-1 A D h, balanced, h = dt halved until the norm is 1/2; the number of halvings, -1 if not finite."""
+    n = A.shape[0]
+    _balanced(A, B, d)
+    norm = 0.0
+    for j in range(n):
+        total = 0.0
+        for i in range(n):
+            total += abs(B[i, j])
+        norm = max(norm, total * dt) if math.isfinite(total) else math.inf
+    if not math.isfinite(norm):
+        return -1
+    doublings = max(0, math.frexp(norm)[1] + 1)
+    h = math.ldexp(dt, -doublings)
+    for i in range(n):
+        for j in range(n):
+            B[i, j] *= h
+    return doublings
 
 
 @routine
@@ -128,31 +148,19 @@ def held_exponential_adjoint(A, dt, Phi_bar, Psi_bar, A_bar):  # type: ignore[no
     """
     n = A.shape[0]
     B, T, d = np.empty((n, n)), np.empty((n, n)), np.empty(n)
-    _balanced(A, B, d)
-    norm = 0.0
-    for j in range(n):
-        total = 0.0
-        for i in range(n):
-            total += abs(B[i, j])
-        norm = max(norm, total * dt) if math.isfinite(total) else math.inf
-    if not math.isfinite(norm):
+    doublings = _halved(A, dt, B, d)
+    if doublings < 0:
         A_bar[:] = np.nan
         return
-    doublings = max(0, math.frexp(norm)[1] + 1)
     h = math.ldexp(dt, -doublings)
     # The way there, every matrix kept: S[k] after the term k of Horner's rule, then Phi and Psi before each doubling.
     S = np.empty((_TERMS + 2, n, n))
     Phi, Psi = np.empty((doublings + 1, n, n)), np.empty((doublings + 1, n, n))
     for i in range(n):
         for j in range(n):
-            B[i, j] *= h
             S[_TERMS + 1, i, j] = 1.0 if i == j else 0.0
     for k in range(_TERMS, 0, -1):
-        _product(B, S[k + 1], S[k])
-        for i in range(n):
-            for j in range(n):
-                S[k, i, j] /= k + 1.0
-            S[k, i, i] += 1.0
+        _horner(B, S[k + 1], k, S[k])
     _product(B, S[1], Phi[0])
     for i in range(n):
         Phi[0, i, i] += 1.0
