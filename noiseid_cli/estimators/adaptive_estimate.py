@@ -17,6 +17,7 @@ from noiseid_cli.estimators.online_record import (
     online_safeguards,
     online_settings,
     parameter_columns,
+    ran_through,
     state_columns,
     variance_columns,
     with_parameters,
@@ -122,8 +123,7 @@ def _run(filter_: AdaptiveFilter, axis: TimeAxis) -> _Run:
 
 
 def _reason(filter_: AdaptiveFilter, axis: TimeAxis, gate: Array) -> str:
-    total = sum(r.samples for r in axis.recordings)
-    text = f"the filter ran through {total} samples; log-likelihood of its innovations {filter_.loglik:.6g}"
+    text = ran_through(axis, filter_.loglik)
     held = [(n, s) for n, s in zip(filter_.names, 1.0 - gate.mean(axis=0), strict=True) if s >= 0.005]
     return text + (f"; held: {', '.join(f'{n} {100 * s:.0f} %' for n, s in held)} of the time" if held else "")
 

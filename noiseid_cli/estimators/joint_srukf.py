@@ -22,6 +22,7 @@ from noiseid_cli.estimators.online_record import (
     online_safeguards,
     online_settings,
     parameter_columns,
+    ran_through,
     state_columns,
     with_parameters,
 )
@@ -193,12 +194,10 @@ def estimate(
     ]
     if progress is not None:
         progress(1, filter_.loglik)
-    total = sum(r.samples for r in recordings)
-    ran = f"the filter ran through {total} samples; log-likelihood of its innovations {filter_.loglik:.6g}"
     return Estimate(
         method="joint-srukf",
         status="diverged" if failure else "converged",
-        reason=failure or ran,
+        reason=failure or ran_through(axis, filter_.loglik),
         start=noise,
         final=noise,
         loglik_start=logliks[0],

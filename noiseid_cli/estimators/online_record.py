@@ -101,6 +101,12 @@ def online_settings(options: Any) -> dict[str, str | float | int]:
     return out
 
 
+def ran_through(axis: TimeAxis, loglik: float) -> str:
+    """How a run without a failure ended, in words."""
+    total = sum(r.samples for r in axis.recordings)
+    return f"the filter ran through {plural(total, 'sample')}; log-likelihood of its innovations {loglik:.6g}"
+
+
 def plural(count: int, word: str) -> str:
     """Such as "1 sample", "3 samples"."""
     return f"{count} {word}" if count == 1 else f"{count} {word}s"

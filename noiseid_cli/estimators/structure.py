@@ -79,11 +79,6 @@ class CovarianceStructure:
         """Some entries are held or tied, so that the free entries themselves are the coordinates, not a factor's."""
         return bool(self.held or self.tied) and not self.scale
 
-    @property
-    def is_diagonal(self) -> bool:
-        """Every variance is free and every covariance zero."""
-        return not self.scale and not self.is_linear and all(len(block) == 1 for block in self.blocks)
-
     def check(self) -> None:
         """Refuse a start that EM could never leave.
 
