@@ -16,16 +16,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from noiseid_cli import __version__
-from noiseid_cli.diagnostics.evaluation import Evaluation
-from noiseid_cli.errors import DataError
 from noiseid_cli.estimators.estimate import Estimate
 from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.models.recording import Array
 from noiseid_cli.outcome import UnitResult
 from noiseid_cli.storage import hdf5
 from noiseid_cli.storage.atomic import publish
-from noiseid_cli.storage.layout import add_columns, add_index, add_labels, columns_of, labels_of, put
-from noiseid_cli.storage.misfit import fill_misfits, read_misfits
+from noiseid_cli.storage.evaluation import fill_evaluation, read_evaluation
+from noiseid_cli.storage.layout import add_columns, add_index, add_labels, columns_of, get, labels_of, put
 from noiseid_cli.storage.uncertainty import fill_uncertainty, read_uncertainty
 from noiseid_cli.storage.unknowns import (
     fill_parameters,
@@ -59,25 +57,6 @@ _TRACE = {
     "extrapolated": "1 where the point came from the acceleration",
     "accepted": "0 where the point was rejected",
 }
-_EVALUATION: dict[str, tuple[tuple[str, ...], str]] = {
-    "loglik": ((), "log-likelihood"),
-    "observed": ((), "number of scalar measurements used"),
-    "nis": ((), "mean normalised innovation squared per scalar measurement; 1 if consistent"),
-    "nis_output": (("output",), "mean squared normalised innovation per output; 1 if consistent"),
-    "autocorrelation": (("lag", "output"), "autocorrelation of the normalised innovations"),
-    "ljung_box": (("output",), "p-value of the Ljung-Box test of whiteness"),
-    "kurtosis": (("output",), "excess kurtosis of the normalised innovations"),
-    "path_error": (("sample",), "distance between estimated and true performance output"),
-    "path_error_norm": ((), "2-norm over time of the path error; NaN where no truth is known"),
-    "nis_time": (("sample",), "normalised innovation squared per measurement"),
-    "inside": (("output",), "share of innovations within their band of 95 %"),
-    "normality": (("output",), "p-value of the test of Jarque and Bera"),
-    "nees": ((), "mean normalised estimation error squared per state; NaN where no truth is known"),
-    "nees_time": (("sample",), "normalised estimation error squared per state"),
-    "states": ((), "number of states"),
-}
-_OPTIONAL = ("path_error", "inside", "normality", "nees_time")
-_PATH = "the performance output's unit"
 _SETTINGS = (
     "unit", "dataset", "method_label", "method", "status", "reason", "start_index", "start_label", "replicate", "seed",
     "held_out_tests",
@@ -117,7 +96,7 @@ def write_result(path: Path, result: UnitResult, attributes: dict[str, str]) -> 
         for name, found in (("evaluation", result.evaluations), ("held_out", result.held_out)):
             group = file.create_group(name, track_order=True)
             for label, evaluation in found.items():
-                _fill_evaluation(group, label, evaluation)
+                fill_evaluation(group, label, evaluation)
 
     publish(path, hdf5.build(FORMAT, VERSION, fill))
 
@@ -202,23 +181,6 @@ def _fill_trace(group: h5py.Group, trace: dict[str, Array]) -> None:
         put(group, name, array, dims, units, long_name)
 
 
-def _fill_evaluation(parent: h5py.Group, label: str, evaluation: Evaluation) -> None:
-    if not label.isidentifier():
-        raise DataError(f"An evaluation cannot be labelled {label!r}: a label is letters, digits and underscores.")
-    group = parent.create_group(label)
-    group.attrs["label"] = evaluation.label
-    group.attrs["filter"] = evaluation.filter
-    add_index(group, "lag", len(evaluation.autocorrelation), "lag in samples", first=1)
-    add_index(group, "sample", len(evaluation.nis_time), "number of the sample, all tests one after the other")
-    for name in _OPTIONAL:
-        group.attrs[f"has_{name}"] = int(getattr(evaluation, name) is not None)
-    for name, (dims, long_name) in _EVALUATION.items():
-        values = getattr(evaluation, name)
-        if values is not None:
-            put(group, name, values, dims, _PATH if name.startswith("path") else "1", long_name)
-    fill_misfits(group, evaluation.misfit)
-
-
 def _result(file: h5py.File) -> UnitResult:
     names = {name: columns_of(file, name) for name in ("noise", "output", "state")}
     tests = labels_of(file, "test")
@@ -231,7 +193,7 @@ def _result(file: h5py.File) -> UnitResult:
         start_index=int(file.attrs["start_index"]),
         replicate=int(file.attrs["replicate"]),
         estimate=_estimate(file, sizes),
-        evaluations={label: _evaluation(group, sizes) for label, group in file["evaluation"].items()},
+        evaluations={label: read_evaluation(group, sizes) for label, group in file["evaluation"].items()},
         noise_names=names["noise"],
         output_names=names["output"],
         state_names=names["state"],
@@ -240,7 +202,7 @@ def _result(file: h5py.File) -> UnitResult:
         R_true=truth["R"][()] if "R" in truth else None,
         seconds=float(file["unit_seconds"][()]),
         seed=int(file.attrs["seed"]),
-        held_out={label: _evaluation(group, sizes) for label, group in file["held_out"].items()},
+        held_out={label: read_evaluation(group, sizes) for label, group in file["held_out"].items()},
         held_out_tests=int(file.attrs["held_out_tests"]),
         parameters_true=parameter_values(file, "truth"),
         uncertainty=read_uncertainty(file),
@@ -263,7 +225,7 @@ def _estimate(file: h5py.File, sizes: dict[str, int]) -> Estimate:
         loglik=float(file["loglik"][()]),
         passes=int(file["passes"][()]),
         seconds=float(file["estimation_seconds"][()]),
-        trace={name: _array(file["trace"], name, tuple(shape)) for name, shape in shapes.items()},
+        trace={name: get(file["trace"], name, tuple(shape)) for name, shape in shapes.items()},
         safeguards=tuple(json.loads(file.attrs["safeguards"])),
         settings=json.loads(file.attrs["settings"]),
         parameters=read_parameters(file),
@@ -274,32 +236,4 @@ def _estimate(file: h5py.File, sizes: dict[str, int]) -> Estimate:
 
 def _values(group: h5py.Group, sizes: dict[str, int]) -> NoiseValues:
     shapes = {name: tuple(sizes[dim.rstrip("_")] for dim in dims) for name, (dims, _, _) in _VALUES.items()}
-    return NoiseValues(**{name: _array(group, name, shape) for name, shape in shapes.items()})
-
-
-def _evaluation(group: h5py.Group, sizes: dict[str, int]) -> Evaluation:
-    here = sizes | {dim: len(group[dim]) if dim in group else 0 for dim in ("lag", "sample")}
-    arrays = {
-        name: None if name in _OPTIONAL and not group.attrs.get(f"has_{name}", 0)
-        else _array(group, name, tuple(here[dim] for dim in dims))
-        for name, (dims, _) in _EVALUATION.items() if dims
-    }  # fmt: skip
-    return Evaluation(
-        label=str(group.attrs["label"]),
-        filter=str(group.attrs.get("filter", "extended")),
-        loglik=float(group["loglik"][()]),
-        observed=int(group["observed"][()]),
-        nis=float(group["nis"][()]),
-        path_error_norm=float(group["path_error_norm"][()]),
-        nees=float(group["nees"][()]) if "nees" in group else math.nan,
-        states=int(group["states"][()]) if "states" in group else 0,
-        misfit=read_misfits(group),
-        **arrays,  # type: ignore[arg-type]
-    )
-
-
-def _array(group: h5py.Group, name: str, shape: tuple[int, ...]) -> Array:
-    """A variable as f8; one without entries was left out of the file."""
-    if 0 in shape:
-        return np.zeros(shape)
-    return np.asarray(group[name][()], dtype=np.float64)
+    return NoiseValues(**{name: get(group, name, shape) for name, shape in shapes.items()})
