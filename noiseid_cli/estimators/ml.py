@@ -22,23 +22,17 @@ from noiseid_cli.errors import EstimationError
 from noiseid_cli.estimators import em
 from noiseid_cli.estimators.coordinates import Coordinates
 from noiseid_cli.estimators.data_check import check_data
-from noiseid_cli.estimators.ends import false_end
-from noiseid_cli.estimators.estimate import Columns, Estimate, Parameters, Progress, Series, Status
+from noiseid_cli.estimators.estimate import Columns, Estimate, Parameters, Progress, Series
 from noiseid_cli.estimators.jagged import lifted
 from noiseid_cli.estimators.likelihood import Likelihood, Point
-from noiseid_cli.estimators.observed_information import Information, information_at
+from noiseid_cli.estimators.ml_search import End, search
 from noiseid_cli.estimators.profile_likelihood import Profile, arranged, profile
-from noiseid_cli.estimators.quasi_newton import Climb, climb
 from noiseid_cli.estimators.unknowns import ParameterUnknowns, Unknowns
 from noiseid_cli.filters.ekf import extended_kalman_filter
 from noiseid_cli.models.compiled import CompiledModel
 from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.models.recording import Array, Recording
 
-# Climbs, each from the Newton step of the last one's information.
-ROUNDS = 4
-# Length of a step away from a saddle, in standard errors by its curvature.
-SIDE = 0.3
 # So often EM may lead on from an end, see ``jagged``.
 LIFTS = 3
 # A parameter is at its bound within this share of the way from its start.
@@ -63,16 +57,6 @@ class MlOptions:
     max_passes: int = 1000
     loglik_tolerance: float = 1e-3
     profile: Profile | None = None
-
-
-@dataclass
-class _End:
-    """Where a search ended: the climb, the information there, and how it came out."""
-
-    climb: Climb
-    information: Information
-    status: Status
-    reason: str
 
 
 def estimate(
@@ -116,7 +100,9 @@ def estimate(
     warm = _warm_start(coordinates, at_start, recordings, options, progress)
     likelihood.passes = 1 + (0 if warm is None else warm.passes)
     noise = start if warm is None else warm.final
-    end = _search(likelihood, coordinates.pack(noise, coordinates.parameters.start), options)
+    end = search(
+        likelihood, coordinates.pack(noise, coordinates.parameters.start), options.loglik_tolerance, options.max_passes
+    )
     lifts: list[float] = []
     while options.em_passes > 0 and coordinates.has_noise and end.status == "converged" and len(lifts) < LIFTS:
         point = end.climb.point
@@ -124,7 +110,7 @@ def estimate(
         likelihood.passes += passes
         if higher is None:
             break
-        end = _search(likelihood, higher, options)
+        end = search(likelihood, higher, options.loglik_tolerance, options.max_passes)
         lifts.append(end.climb.point.loglik - point.loglik)
     trace = _trace(coordinates, warm, likelihood.visited)
     series: tuple[Series, ...] = ()
@@ -191,75 +177,7 @@ def _warm_start(
     return em.estimate(model, recordings, coordinates.start, coordinates.unknowns, em_options, progress)
 
 
-def _search(likelihood: Likelihood, z: Array, options: MlOptions) -> _End:
-    """Climb, look at the information, go its Newton step; until that promises nothing."""
-    point = likelihood.point(z)
-    if not np.isfinite(point.loglik):
-        raise EstimationError(f"no log-likelihood at the start: {likelihood.failures[-1]}")
-    if not np.all(np.isfinite(point.gradient)):
-        raise EstimationError("the filter fails next to the start, so that no slope can be had there; start elsewhere")
-    inverse = None
-    for turn in range(ROUNDS):
-        found = climb(likelihood, point, inverse, full=lambda: likelihood.passes >= options.max_passes)
-        information = information_at(likelihood, found.point.z)
-        newton, inverse = _newton(information, found)
-        promise = 0.5 * float(found.point.gradient @ newton)
-        uphill = information.uphill()
-        end = Climb(found.point, inverse, promise, float(np.max(np.abs(newton), initial=0.0)), found.stop)
-        if found.stop == "full":
-            break
-        sides = [newton] if uphill is None else [SIDE * uphill, -SIDE * uphill]
-        tried = [likelihood.point(found.point.z + side) for side in sides]
-        point = max([found.point, *tried], key=lambda p: p.loglik)
-        if uphill is None and promise <= options.loglik_tolerance:
-            end = replace(end, point=point)
-            break
-        if point is found.point or turn == ROUNDS - 1:
-            break
-    return _End(end, information, *_verdict(likelihood, end, information, options))
-
-
-def _newton(information: Information, found: Climb) -> tuple[Array, Array]:
-    """(d,) Newton step over what the data determine, and (d, d) inverse information for a further climb."""
-    covariance = information.covariance()
-    newton = np.where(np.isfinite(covariance), covariance, 0.0) @ found.point.gradient
-    open_ = np.isnan(np.diag(covariance))
-    covariance[open_], covariance[:, open_] = 0.0, 0.0
-    covariance[open_, open_] = np.diag(found.inverse)[open_]
-    return newton, covariance
-
-
-def _verdict(likelihood: Likelihood, end: Climb, information: Information, options: MlOptions) -> tuple[Status, str]:
-    """How the search came out, in a word and in a sentence."""
-    c = likelihood.coordinates
-    noise, model = c.unpack(end.point.z)
-    passes = f"after {likelihood.passes} passes"
-    if end.stop == "full":
-        return "max_passes", f"{likelihood.passes} passes were not enough: the climb still promises {end.promise:.2g}"
-    gone = c.unknowns.gone(noise)
-    if gone:
-        return "stalled_fixed_point", (
-            f"{passes} a standard deviation of {gone} has gone to zero: zero is its answer, or the start is too far "
-            "off; start nearer to the data's scale, take more em_passes, or give it as known"
-        )
-    low = false_end(model, likelihood.recordings, c.unknowns, noise, end.point.loglik)
-    if low:
-        return "stalled_fixed_point", (
-            f"{passes} the climb is on a plain, but a much greater {low} has the greater likelihood: "
-            "start from a greater one, or take more em_passes"
-        )
-    if end.promise > options.loglik_tolerance or information.uphill() is not None:
-        return "numerical", (
-            f"{passes} no step raises the log-likelihood, though its slope promises {end.promise:.2g}: "
-            "it is jagged there, or this is a saddle; another start tells"
-        )
-    return "converged", (
-        f"{passes} the Newton step of the observed information promises {max(end.promise, 0.0):.2g} of log-likelihood "
-        f"and changes no coordinate by more than {end.step:.2g}"
-    )
-
-
-def _parameters(coordinates: Coordinates, end: _End, declared: Columns) -> Parameters | None:
+def _parameters(coordinates: Coordinates, end: End, declared: Columns) -> Parameters | None:
     """The model parameters with standard errors by the delta method; NaN at a bound or where the data say nothing."""
     p = len(coordinates.parameters)
     if p == 0:
@@ -296,7 +214,7 @@ def _trace(coordinates: Coordinates, warm: Estimate | None, visited: Sequence[Po
     return {name: np.concatenate([before[name], part]) if before else part for name, part in parts.items()}
 
 
-def _safeguards(likelihood: Likelihood, end: _End, lifts: Sequence[float], options: MlOptions) -> list[str]:
+def _safeguards(likelihood: Likelihood, end: End, lifts: Sequence[float], options: MlOptions) -> list[str]:
     """Each safeguard that acted and each warning about the end, in a sentence."""
     out = []
     if lifts:

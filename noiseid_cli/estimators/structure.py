@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from noiseid_cli.errors import EstimationError
+from noiseid_cli.estimators.entry_scoring import maximise_entries
 from noiseid_cli.models.recording import Array
 
 
@@ -122,49 +123,12 @@ class CovarianceStructure:
         if self.scale:
             return self.start * float(np.trace(np.linalg.solve(self.start, S)) / len(S))
         Q = np.where(self.block_of[:, None] == self.block_of[None, :], S, 0.0)
-        return self._score(S, current) if self.is_linear else Q
-
-    def _score(self, S: Array, Q: Array) -> Array:
-        """Newton's method over the free entries, with step-halving; never leaves the positive definite matrices.
-
-        Where the observed information is not positive definite the expected one takes its place (Fisher scoring).
-        """
-        value = _objective(Q, S)
-        ties = self._ties
-        for _ in range(200):
-            inverse = np.linalg.inv(Q).astype(np.float64)
-            moment = inverse @ S @ inverse
-            slope = moment - inverse
-            g = np.array([slope[i, j] * (0.5 if i == j else 1.0) for i, j in self.free])
-            g = ties @ g
-            expected = ties @ _information(inverse, inverse, self.free) @ ties.T
-            observed = 2.0 * ties @ _information(inverse, moment, self.free) @ ties.T - expected
-            definite = bool(np.linalg.eigvalsh(observed)[0] > 0.0)
-            step = np.linalg.solve(observed if definite else expected, g)
-            decrement = float(g @ step)
-            step = step @ ties
-            if decrement < 1e-26:
-                break
-            # Below about 1e-10 the gain drowns in the objective's rounding: the full step is right there.
-            length = 1.0
-            trial = self._moved(Q, step)
-            while decrement > 1e-10 and _objective(trial, S) <= value:
-                length /= 2.0
-                trial = self._moved(Q, length * step)
-            Q, value = trial, _objective(trial, S)
-        return Q
+        return maximise_entries(S, current, self.free, self._ties) if self.is_linear else Q
 
     @cached_property
     def _ties(self) -> Array:
         """(groups, free) which free entries belong to which unknown."""
         return np.array([[float(entry in group) for entry in self.free] for group in self.groups])
-
-    def _moved(self, Q: Array, step: Array) -> Array:
-        """Q with ``step`` added to its free entries."""
-        out = Q.copy()
-        for (i, j), d in zip(self.free, step, strict=True):
-            out[i, j] = out[j, i] = Q[i, j] + d
-        return out
 
     def coordinates(self, Q: Array) -> Array:
         """Free coordinates of Q, in which any real vector is a covariance (but for held entries).
@@ -262,23 +226,3 @@ class CovarianceStructure:
             else f"L({of[i]}, {of[j]}) scaled"
             for i, j in self.coordinate_places
         )
-
-
-def _objective(Q: Array, S: Array) -> float:
-    """-[log det Q + tr(Q^-1 S)], minus infinity outside the positive definite matrices."""
-    try:
-        L = np.linalg.cholesky(Q)
-    except np.linalg.LinAlgError:
-        return -np.inf
-    return float(-2.0 * np.sum(np.log(np.diag(L))) - np.trace(np.linalg.solve(Q, S)))
-
-
-def _information(A: Array, B: Array, free: tuple[tuple[int, int], ...]) -> Array:
-    """1/2 tr(A E_a B E_b) for all pairs of free entries, E_ij the symmetric unit matrix of an entry; A, B symmetric."""
-    i, j = np.array(free).T
-    c = np.where(i == j, 0.5, 1.0)
-
-    ii, ij, ji, jj = (np.ix_(a, b) for a, b in ((i, i), (i, j), (j, i), (j, j)))
-    terms = A[ij] * B[ji] + A[jj] * B[ii] + A[ii] * B[jj] + A[ji] * B[ij]
-    half: Array = 0.5 * np.outer(c, c) * terms
-    return half

@@ -235,17 +235,17 @@ def test_em_leads_on_from_an_end_that_is_no_top(monkeypatch):
     """A climb that stops short, as on a tooth of a jagged likelihood, is taken up by EM, and said."""
     case, start, unknowns = problem(1)
     whole = ml.estimate(case.model, case.recordings, start, unknowns)
-    search, ends = ml._search, []
+    search, ends = ml.search, []
 
-    def short(likelihood, z, options):
-        end = search(likelihood, z, options)
+    def short(*given):
+        end = search(*given)
         if not ends:
-            point = likelihood.point(end.climb.point.z + 0.3)
+            point = given[0].point(end.climb.point.z + 0.3)
             end = replace(end, climb=replace(end.climb, point=point))
         ends.append(end.climb.point.loglik)
         return end
 
-    monkeypatch.setattr(ml, "_search", short)
+    monkeypatch.setattr(ml, "search", short)
     found = ml.estimate(case.model, case.recordings, start, unknowns)
     assert len(ends) == 2
     assert found.status == "converged"
