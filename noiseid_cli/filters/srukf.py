@@ -7,70 +7,18 @@ F2 Q F2' with F2 taken at the filtered mean. For a linear model it is the Kalman
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
-from numba import types
 
 from noiseid_cli.errors import EstimationError
-from noiseid_cli.filters.ekf import NOT_FINITE, OK, FilterDivergedError, cube
+from noiseid_cli.filters.ekf import OK, FilterDivergedError
 from noiseid_cli.filters.linalg import upper_factor
-from noiseid_cli.filters.sigma_points import SigmaWeights, draw, weighted_mean
-from noiseid_cli.filters.sigma_steps import INDEFINITE_PREDICTION, condition, keep_observed, spread
+from noiseid_cli.filters.sigma_points import SigmaWeights
+from noiseid_cli.filters.srukf_kernel import new_workspace, prepare, run
 from noiseid_cli.models.compiled import CompiledModel
-from noiseid_cli.models.discretisation import DENSITY, EXACT, advance, transition, workspace
-from noiseid_cli.models.handle import borrowed, handle_type, new
-from noiseid_cli.models.jit import kernel, routine
 from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.models.recording import Array, Recording
-from noiseid_cli.models.signatures import Drift, DriftJacobian, Output, matrix, vector
-
-
-class _Filter(NamedTuple):
-    """What the filter reads, its state between samples, and its scratch; see ``_new_filter`` for the shapes."""
-
-    p: Array
-    weights: Array  # eta, outer, cov0
-    UQ: Array
-    UR: Array
-    u_before: Array  # (nu,) input before the next sample
-    x: Array
-    U: Array
-    x_new: Array
-    U_new: Array
-    X: Array
-    X_next: Array
-    Y: Array
-    y_hat: Array
-    e: Array
-    UR_seen: Array
-    noise: Array
-    F: Array
-    G: Array
-    Uyy: Array
-    Pxy: Array
-    K: Array
-    W: Array
-    w: Array
-    d: Array
-    v: Array
-    work: Array
-    lower: Array
-    upper: Array
-    observed: Array
-    counts: Array  # corrections stacked, then (nx,) projections on bounds
-
-
-_FILTER = types.NamedTuple(
-    (vector, vector, matrix, matrix, vector,
-     vector, matrix, vector, matrix, matrix, matrix, matrix, vector, vector, matrix, matrix, matrix, matrix, matrix,
-     matrix, matrix, matrix, vector, vector, vector, vector, vector, vector, types.int64[::1], types.int64[::1]),
-    _Filter,
-)  # fmt: skip
-
-_HANDLE = handle_type(scheme=types.int64, drift=Drift, drift_jacobian=DriftJacobian, output=Output, state=_FILTER)
 
 
 @dataclass(frozen=True)
@@ -126,7 +74,7 @@ class SquareRootUnscentedFilter:
         """
         self._model = model
         own = np.zeros((0, model.nx)) if added is None else upper_factor(added, "the noise of the stacked states")
-        self._state = s = _new_filter(model, own)
+        self._state = s = new_workspace(model, own)
         s.p[:] = model.parameters
         s.weights[:] = weights.eta, weights.outer, weights.cov0
         s.UQ[:] = upper_factor(noise.Q, "the process noise covariance Q")
@@ -135,7 +83,7 @@ class SquareRootUnscentedFilter:
         s.U[:] = upper_factor(noise.P0, "the initial covariance P0")
         if bounds is not None:
             self._state.lower[:], self._state.upper[:] = bounds
-        self._handle = _prepare(model.scheme, model.drift, model.drift_jacobian, model.output, s)
+        self._handle = prepare(model.scheme, model.drift, model.drift_jacobian, model.output, s)
         self._y, self._u, self._dt = np.zeros((1, model.ny)), np.zeros((1, model.nu)), np.zeros(1)
         self._one = self._rows(1)
         self.samples = 0
@@ -177,7 +125,7 @@ class SquareRootUnscentedFilter:
         """
         check_sample(y, u, self._model.ny, self._model.nu)
         self._y[0], self._u[0], self._dt[0] = y, u, dt
-        code, done, loglik = _run(self._handle, self.samples == 0, self._dt, self._u, self._y, *self._one)
+        code, done, loglik = run(self._handle, self.samples == 0, self._dt, self._u, self._y, *self._one)
         self.samples += done
         self.loglik += loglik
         if code != OK:
@@ -202,7 +150,7 @@ class SquareRootUnscentedFilter:
         """
         out = self._rows(len(y))
         before = self.restacked
-        code, done, loglik = _run(self._handle, self.samples == 0, dt, u, y, *out)
+        code, done, loglik = run(self._handle, self.samples == 0, dt, u, y, *out)
         self.samples += done
         self.loglik += loglik
         return code, done, SquareRootFiltered(*out, loglik, self.restacked - before)
@@ -242,101 +190,3 @@ def square_root_unscented_filter(
     if code != OK:
         raise FilterDivergedError(code, k, recording)
     return filtered
-
-
-def _new_filter(model: CompiledModel, own: Array) -> _Filter:
-    """Empty state and scratch; ``own`` are the noise rows that do not depend on the state."""
-    n, nv, ny = model.nx, model.nv, model.ny
-    wide = max(n, ny)
-    noise = np.zeros((nv + len(own), n))
-    noise[nv:] = own
-    e = np.empty
-    return _Filter(
-        e(len(model.parameters)), e(3), e((nv, nv)), e((ny, ny)), np.zeros(model.nu),
-        e(n), e((n, n)), e(n), e((n, n)), e((2 * n + 1, n)), e((2 * n + 1, n)), e((2 * n + 1, ny)), e(ny), e(ny),
-        e((ny, ny)), noise, e((n, n)), e((n, nv)), e((ny, ny)), e((n, ny)), e((n, ny)),
-        e((2 * n + max(ny, nv + len(own)), wide)), e(wide), e(wide), np.zeros(nv), workspace(n, nv),
-        np.full(n, -np.inf), np.full(n, np.inf), np.empty(ny, dtype=np.int64), np.zeros(1 + n, dtype=np.int64),
-    )  # fmt: skip
-
-
-@routine
-def _predict(scheme, drift, drift_jacobian, s, u, dt):  # type: ignore[no-untyped-def]
-    """Time update of s.x, s.U over an interval (riva2017_sensitivity_asrukf, Table 1)."""
-    n, nv = s.G.shape
-    eta, outer, cov0, p = s.weights[0], s.weights[1], s.weights[2], s.p
-    draw(s.x, s.U, eta, s.X)
-    exact = scheme == EXACT or scheme == EXACT + DENSITY
-    for i in range(2 * n + 1):
-        if exact:
-            transition(scheme, drift_jacobian, s.X[i], u, dt, p, s.X_next[i], s.F, s.G, s.work)
-            continue
-        advance(scheme, drift, s.X[i], u, s.v, dt, p, s.X_next[i], s.work)
-    transition(scheme, drift_jacobian, s.x, u, dt, p, s.x_new, s.F, s.G, s.work)
-    for r in range(nv):
-        for c in range(n):
-            total = 0.0
-            for a in range(r, nv):
-                total += s.UQ[r, a] * s.G[c, a]
-            s.noise[r, c] = total
-    weighted_mean(s.X_next, outer, s.x)
-    return OK if spread(s.X_next, n, s.x, outer, cov0, s.noise, s.W, s.w, s.d, s.U) else INDEFINITE_PREDICTION
-
-
-@kernel(_HANDLE(types.int64, Drift, DriftJacobian, Output, _FILTER))
-def _prepare(scheme, drift, drift_jacobian, output, state):  # type: ignore[no-untyped-def]
-    """The handle for ``_run``."""
-    handle = new(_HANDLE)
-    handle.scheme = scheme
-    handle.drift = drift
-    handle.drift_jacobian = drift_jacobian
-    handle.output = output
-    handle.state = state
-    return handle
-
-
-@kernel(
-    types.Tuple((types.int64, types.int64, types.float64))(
-        _HANDLE, types.boolean, vector, matrix, matrix, matrix, cube, matrix, cube, matrix,
-    ),
-)  # fmt: skip
-def _run(handle, first, dt, u, y, m_pred, U_pred, m_filt, U_filt, innovation):  # type: ignore[no-untyped-def]
-    """Take in the samples of y; the arrays from m_pred on are written. Returns (code, samples, loglik)."""
-    scheme, drift, drift_jacobian, output = handle.scheme, handle.drift, handle.drift_jacobian, handle.output
-    s = borrowed(handle.state)
-    weights = s.weights
-    n = s.x.shape[0]
-    loglik = 0.0
-    for k in range(y.shape[0]):
-        if not (first and k == 0):
-            code = _predict(scheme, drift, drift_jacobian, s, s.u_before, dt[k])
-            if code != OK:
-                return code, k, loglik
-        m_pred[k], U_pred[k] = s.x, s.U
-        draw(s.x, s.U, weights[0], s.X)
-        for i in range(2 * n + 1):
-            output(s.X[i], u[k], s.p, s.Y[i])
-        weighted_mean(s.Y, weights[1], s.y_hat)
-        innovation[k] = y[k] - s.y_hat
-        q = keep_observed(y[k], s.Y, s.UR, s.observed, s.UR_seen)
-        for b in range(q):
-            s.y_hat[b] = s.y_hat[s.observed[b]]
-            s.e[b] = innovation[k, s.observed[b]]
-        code, gain, failed = condition(
-            s.x, s.U, s.Y, q, s.y_hat, s.e, s.UR_seen, weights[0], weights[1], weights[2],
-            s.x_new, s.U_new, s.Uyy, s.Pxy, s.K, s.W, s.w, s.d,
-        )  # fmt: skip
-        s.counts[0] += failed
-        if code != OK:
-            return code, k, loglik
-        loglik += gain
-        s.x[:], s.U[:, :] = s.x_new, s.U_new
-        for i in range(n):
-            if s.x[i] < s.lower[i] or s.x[i] > s.upper[i]:
-                s.x[i] = min(max(s.x[i], s.lower[i]), s.upper[i])
-                s.counts[1 + i] += 1
-            if not math.isfinite(s.x[i]) or not math.isfinite(s.U[i, i]):
-                return NOT_FINITE, k, loglik
-        m_filt[k], U_filt[k] = s.x, s.U
-        s.u_before[:] = u[k]
-    return OK, y.shape[0], loglik
