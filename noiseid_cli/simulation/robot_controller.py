@@ -100,22 +100,6 @@ def robot_reference(
     return Reference(qm=here, dqm=dqm, u=u, x0=np.concatenate([qa[2], qm0[0], np.zeros(4)]))
 
 
-def static_torque(compiled: CompiledModel, x0: Array) -> Array:
-    """(2,) torques that hold the robot still in a state of rest."""
-    u, still = np.empty((1, 2)), np.zeros((1, 2))
-    _torques(
-        compiled.drift_jacobian,
-        compiled.parameters,
-        x0[None, :2].copy(),
-        x0[None, 2:4].copy(),
-        still,
-        still,
-        u,
-    )
-    torque: Array = u[0]
-    return torque
-
-
 def _motor_angles(compiled: CompiledModel, qa: Array, dqa: Array, ddqa: Array) -> Array:
     qm = qa.copy()
     if not _balance(compiled.drift_jacobian, compiled.parameters, qa.copy(), dqa.copy(), ddqa.copy(), qm):
