@@ -68,26 +68,14 @@ def make_estimate(context: Context, unit: EstimateUnit, progress: Progress | Non
         context.compiled, context.model, fitted.recordings, start, unknowns, pose_parameters(section), settings,
         progress, law, state,
     )  # fmt: skip
-
-    def fit(used: Dataset) -> Estimate:
-        return _run(unit.options.method, replace(task, recordings=used.recordings))
-
-    if section.outlier_gate is None:
-        estimate = fit(fitted)
-    elif unit.options.method in ENSEMBLES:
-        raise EstimationError(f"outlier_gate does not go with {unit.options.method}")
-    else:
-        gate = OutlierGate(**section.outlier_gate.model_dump())
-        estimate, fitted = fit_without_outliers(fit, lambda e: _model_at(context, e), fitted, gate)
+    estimate, fitted = _fit(context, section, unit.options.method, task, fitted)
     at_end = replace(task, model=_model_at(context, estimate), recordings=fitted.recordings)
     place = (context.experiment.seed, unit.dataset.replicate, unit.start.index)
     sure, why_not = assess_uncertainty(section, unit.options, at_end, estimate, place)
-    structure = section.process_noise.structure
-    words = structure if isinstance(structure, str) else "blocks"
     warned = _implausible(context, fitted, estimate) if unit.dataset.recordings else []
     estimate = replace(
         estimate,
-        settings={"structure": words, **estimate.settings},
+        settings={"structure": _structure(section), **estimate.settings},
         safeguards=(*estimate.safeguards, *warned, *why_not),
     )
     wanted = candidates(context, dataset, estimate)
@@ -123,6 +111,26 @@ def make_estimate(context: Context, unit: EstimateUnit, progress: Progress | Non
     )
     write_result(unit.path, result, file_attributes(context, unit.key) | _basis(context, dataset, estimate))
     return result
+
+
+def _fit(context: Context, section: Section, method: str, task: Task, fitted: Dataset) -> tuple[Estimate, Dataset]:
+    """The estimate, and the data that it rests on: those given, or what the outlier gate leaves of them."""
+
+    def fit(used: Dataset) -> Estimate:
+        return _run(method, replace(task, recordings=used.recordings))
+
+    if section.outlier_gate is None:
+        return fit(fitted), fitted
+    if method in ENSEMBLES:
+        raise EstimationError(f"outlier_gate does not go with {method}")
+    gate = OutlierGate(**section.outlier_gate.model_dump())
+    return fit_without_outliers(fit, lambda e: _model_at(context, e), fitted, gate)
+
+
+def _structure(section: Section) -> str:
+    """The structure of the process noise, in a word."""
+    structure = section.process_noise.structure
+    return structure if isinstance(structure, str) else "blocks"
 
 
 def _implausible(context: Context, fitted: Dataset, estimate: Estimate) -> list[str]:
