@@ -33,7 +33,7 @@ from noiseid_cli.commands import (  # noqa: E402
     simulate,
     status,
 )
-from noiseid_cli.commands.console import stop_on_signals  # noqa: E402
+from noiseid_cli.commands.console import guarded, stop_on_signals  # noqa: E402
 
 app = typer.Typer(
     name="noiseid",
@@ -42,7 +42,9 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
-    epilog="Start with `noiseid init`, or try `noiseid run` bare: it takes the built-in flexible robot.",
+    epilog="Start with `noiseid init`, or try `noiseid run` bare: it takes the built-in flexible robot.\n\n"
+    "Exit codes: 0 done; 1 the machine failed (disk full) or a bug, the message says which; 2 wrong usage; "
+    "3 wrong experiment or data; 4 some units failed or did not converge; 5 `diff` found differences; 130 interrupted.",
 )
 
 app.command()(run.run)
@@ -84,4 +86,7 @@ def main() -> None:
     stop_on_signals()
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # a terminal that lacks a letter shows a question mark
-    app()
+    try:
+        guarded(app)()  # help and version are printed outside the commands
+    except typer.Exit as end:
+        sys.exit(end.exit_code)

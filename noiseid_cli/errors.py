@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from dataclasses import dataclass
 
 
@@ -25,6 +26,35 @@ class ModelError(NoiseidError):
 
 class EstimationError(NoiseidError):
     """A method cannot be run on this problem (not: it ran and did not converge)."""
+
+
+class MachineError(NoiseidError):
+    """The machine failed: the disk is full or faulty. What is finished is kept, and the run cannot go on."""
+
+    exit_code = 1
+
+
+_MACHINE = {
+    errno.ENOSPC: "the disk is full; free some space and run the same command again",
+    errno.EDQUOT: "the disk quota is used up; free some space and run the same command again",
+    errno.EIO: "the disk reports a fault; check it, then run the same command again",
+    errno.EROFS: "that file system is read-only; choose another folder",
+}
+
+
+def machine_error(error: BaseException, said: str = "") -> MachineError | None:
+    """What to raise for a fault of the machine; None where the operating system refused for another reason.
+
+    Args:
+        error: what was raised.
+        said: what could not be done, such as ``x.h5 could not be written``; default: the file that it was about.
+    """
+    if isinstance(error, MachineError):
+        return error
+    if not isinstance(error, OSError) or error.errno not in _MACHINE:
+        return None
+    said = said or f"{error.filename or 'the output or a file'} could not be read or written"
+    return MachineError(f"{said}: {error.strerror}: {_MACHINE[error.errno]}.")
 
 
 @dataclass(frozen=True)

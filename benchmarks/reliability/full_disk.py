@@ -37,12 +37,11 @@ def main(folder: Path) -> None:
     subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size // 2}", "tmpfs", str(disk)], check=True)
     try:
         began = time.monotonic()
-        code = exit_code(forked([*command, str(disk)], logs / "full"))
+        full = exit_code(forked([*command, str(disk)], logs / "full"))
         before, said = files(disk), (logs / "full").read_text()
         bad, parts = list(unreadable(disk)), list(disk.rglob("*.part"))
-        first = next(line for line in said.splitlines() if "disk is full" in line)
-        print(f"full after {len(before)} units: exit code {code} in {time.monotonic() - began:.0f} s")
-        print(f"first message: {first}")
+        print(f"full after {len(before)} units: exit code {full} in {time.monotonic() - began:.0f} s; all it says:")
+        print(said.strip())
         print(f"unreadable files: {len(bad)}; .part files: {len(parts)}; 'Traceback' in the log: {'Traceback' in said}")
         subprocess.run(["mount", "-o", f"remount,size={8 * size}", str(disk)], check=True)
         code = exit_code(forked([*command, str(disk)], logs / "again"))
@@ -51,7 +50,10 @@ def main(folder: Path) -> None:
         same = table(folder / "whole") == table(disk)
         print(f"with space again: exit code {code}, {len(after)} units, earlier files untouched: {kept}")
         print(f"table of {len(table(disk))} rows equal to the last bit: {same}")
+        assert full == 1
         assert code == whole
+        assert said.endswith("the disk is full; free some space and run the same command again.\n")
+        assert said.count("\n") == 1
         assert kept
         assert same
         assert not bad

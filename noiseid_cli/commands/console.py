@@ -12,13 +12,14 @@ import tempfile
 import time
 import traceback
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TextIO, TypeVar
 
 import typer
 
 from noiseid_cli.commands.text import visible, wrapped
-from noiseid_cli.errors import ConfigError, NoiseidError
+from noiseid_cli.errors import ConfigError, MachineError, NoiseidError, machine_error
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -83,14 +84,17 @@ def guarded(command: F) -> F:
             raise typer.Exit(SIGNALLED + number) from None
         except BrokenPipeError:
             # The reader of our output has gone (as in `noiseid models | head`): nothing is left to say.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            _silence(sys.stdout)
             raise typer.Exit(0) from None
         except (typer.Exit, typer.Abort, typer.BadParameter):
             raise
-        except Exception as error:  # whatever else is raised is a bug of ours
-            log = _log()
-            complain(f"internal error: {_last_line(error)}; please report it with {log}")
-            raise typer.Exit(BUG) from None
+        except Exception as error:
+            fault = _fault_of_stdout() or machine_error(error)
+            try:
+                complain(str(fault) if fault else _bug(error))
+            except OSError:  # stderr may lead to the same full disk
+                _silence(sys.stderr)
+            raise typer.Exit(MachineError.exit_code if fault else BUG) from None
 
     return wrapper  # type: ignore[return-value]
 
@@ -105,23 +109,44 @@ def stop_on_signals() -> None:
         signal.signal(number, stop)
 
 
-def _last_line(error: Exception) -> str:
-    return "".join(traceback.format_exception(error)).strip().splitlines()[-1]
+def _silence(stream: TextIO) -> None:
+    """Lead a stream to nowhere: what is left in its buffer would fail once more when Python ends."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
-def _log() -> Path:
-    """Write the traceback to a file of its own and give its path."""
+def _fault_of_stdout() -> MachineError | None:
+    """The fault of the machine that keeps the answer from being written, as in `noiseid schema > /full/disk`."""
+    try:
+        sys.stdout.flush()
+    except OSError as error:
+        _silence(sys.stdout)
+        return machine_error(error, "the output could not be written")
+    return None
+
+
+def _bug(error: Exception) -> str:
+    """What is said of a bug of ours: its last line, and where the traceback is kept."""
+    last = "".join(traceback.format_exception(error)).strip().splitlines()[-1]
+    log = _log()
+    with_what = f"please report it with {log}" if log else "please report it; no log file could be written"
+    return f"internal error: {last}; {with_what}"
+
+
+def _log() -> Path | None:
+    """Write the traceback to a file of its own and give its path; None where none can be written."""
     from platformdirs import user_log_path
 
     name = f"error-{time.strftime('%Y%m%d-%H%M%S')}-{os.getpid()}.log"
     text = f"{' '.join(sys.argv)}\n\n{traceback.format_exc()}"
-    try:
+    with suppress(OSError):  # a read-only home must not hide the bug
         path = user_log_path("noiseid", ensure_exists=True) / name
         path.write_text(text, encoding="utf-8")
-    except OSError:  # a read-only home must not hide the bug
+        return path
+    with suppress(OSError):
         path = Path(tempfile.gettempdir()) / f"noiseid-{name}"
         path.write_text(text, encoding="utf-8")
-    return path
+        return path
+    return None
 
 
 def _finite(data: Any) -> Any:

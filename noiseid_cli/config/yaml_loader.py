@@ -15,7 +15,7 @@ import yaml
 
 from noiseid_cli.config.document import Document, Fault, Path, Place
 from noiseid_cli.config.scalars import ScalarError, resolve
-from noiseid_cli.errors import ConfigError, DataError
+from noiseid_cli.errors import ConfigError, DataError, machine_error
 
 MAX_BYTES = 1 << 20
 MAX_DEPTH = 30
@@ -64,7 +64,8 @@ def read_yaml(path: FilePath, shown: str | None = None) -> Document:
             content = file.read(MAX_BYTES + 1)
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         reason = getattr(error, "strerror", None) or str(error)
-        raise DataError(f"{shown!r}: cannot be read: {reason}") from error
+        fault = machine_error(error, f"{shown} cannot be read")
+        raise fault or DataError(f"{shown!r}: cannot be read: {reason}") from error
     if len(content) > MAX_BYTES:
         raise DataError(f"{shown}: is larger than 1 MiB; is it an experiment file?")
     try:

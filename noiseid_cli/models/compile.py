@@ -16,7 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
-from noiseid_cli.errors import ModelError
+from noiseid_cli.errors import ModelError, machine_error
 from noiseid_cli.models.cache import cache_root
 from noiseid_cli.models.compiled import Adjoints, CompiledModel
 from noiseid_cli.models.discretisation import SCHEMES
@@ -33,6 +33,7 @@ def compile_model(model: Model, on_compile: Callable[[str], None] | None = None)
 
     Raises:
         ModelError: faulty equations, or the cache folder cannot be written.
+        MachineError: nor can it because the disk is full or faulty.
     """
     if isinstance(model, MatrixModel) and model.constant:
         return model.compiled()
@@ -85,10 +86,9 @@ def _module(
             _write(path, generate())
         return _load(f"noiseid_model_{key}" + ("" if stem == "equations" else f"_{stem}"), path)
     except OSError as error:
-        raise ModelError(
-            f"the compiled equations of {name} cannot be kept in {path.parent}: "
-            f"{error.strerror or error}. "
-            "Set NOISEID_CACHE_DIR to a folder that you can write to."
+        said = f"the compiled equations of {name} cannot be kept in {path.parent}"
+        raise machine_error(error, f"{said} (NOISEID_CACHE_DIR takes another folder)") or ModelError(
+            f"{said}: {error.strerror or error}. Set NOISEID_CACHE_DIR to a folder that you can write to."
         ) from error
 
 

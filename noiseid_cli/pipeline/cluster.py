@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
-from noiseid_cli.errors import DataError, NoiseidError
+from noiseid_cli.errors import DataError, MachineError, NoiseidError, machine_error
 from noiseid_cli.pipeline.context import Context
 from noiseid_cli.pipeline.making import Listener, Token, Unit, make
 from noiseid_cli.pipeline.unit import DatasetUnit
@@ -49,6 +49,7 @@ def on_cluster(
         workers: number of workers, for ``local``.
 
     Raises:
+        MachineError: the disk of a worker is full or faulty.
         DataError: there is no scheduler at the address, it is lost, or its workers cannot run noiseid.
         WorkerError: a bug showed in a worker.
     """
@@ -69,7 +70,7 @@ def on_cluster(
                 yield replace(_token(future, unit), unit=unit.name, path=unit.path)
 
 
-def work(recipe: Recipe, unit: Unit) -> Token | str:
+def work(recipe: Recipe, unit: Unit) -> Token | MachineError | str:
     """What a worker does: make one unit, tell how it ended; a bug is told as the text of its traceback."""
     try:
         with _opening:
@@ -77,9 +78,11 @@ def work(recipe: Recipe, unit: Unit) -> Token | str:
             if context is None:
                 context = _opened[recipe] = recipe.open(lambda _: None)
         return make(context, unit, Listener())  # which does not listen: the token tells all
-    except NoiseidError as error:
-        return Token(unit.name, unit.path, "failed", str(error))
-    except Exception:
+    except Exception as error:
+        if fault := machine_error(error):
+            return fault
+        if isinstance(error, NoiseidError):
+            return Token(unit.name, unit.path, "failed", str(error))
         return traceback.format_exc()
 
 
@@ -169,6 +172,8 @@ def _token(future: Future[Any], unit: Unit) -> Token:
 
     if future.status == "finished":
         told = future.result(timeout=_PATIENCE)
+        if isinstance(told, MachineError):
+            raise told
         if isinstance(told, str):
             raise WorkerError(told)
         token: Token = told

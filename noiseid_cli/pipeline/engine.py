@@ -47,6 +47,7 @@ def run_units(
         One token per unit, in the order of ``units``.
 
     Raises:
+        MachineError: the disk is full or faulty; the units that are finished are kept.
         DataError: another run is at work in the same folder, there is not enough memory, or a time limit is set for a
             dask cluster.
     """
@@ -120,7 +121,7 @@ def _keep_record(context: Context, unit: Unit, token: Token) -> None:
     """Leave a record of a unit that failed; take away that of one that has succeeded."""
     from noiseid_cli.storage.failure_file import forget_failure, record_failure
 
-    # A folder that takes no record any more, such as on a full disk, must not end the run: the token tells all.
+    # A folder that takes no record must not end the run: the token tells all. A full disk does, here as elsewhere.
     with suppress(DataError, OSError):
         if token.state == "failed":
             settings = context.at(unit.point_index).loaded.resolved()

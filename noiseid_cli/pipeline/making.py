@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from noiseid_cli.errors import DamagedError, NoiseidError
+from noiseid_cli.errors import DamagedError, MachineError, NoiseidError, machine_error
 from noiseid_cli.pipeline.context import Context
 from noiseid_cli.pipeline.unit import DatasetUnit, EstimateUnit
 from noiseid_cli.pipeline.wording import counted
@@ -84,6 +84,8 @@ def found(unit: Unit) -> Token:
     """Token of a unit that is there, after its file was checked; the status of an estimate is read from it."""
     try:
         status, _ = ending(unit)
+    except MachineError:
+        raise
     except DamagedError as error:
         return Token(unit.name, unit.path, "damaged", str(error))
     except NoiseidError as error:
@@ -92,7 +94,11 @@ def found(unit: Unit) -> Token:
 
 
 def make(context: Context, unit: Unit, listener: Listener) -> Token:
-    """Run one unit; an error that it raises on purpose becomes its token."""
+    """Run one unit; an error that it raises on purpose becomes its token.
+
+    Raises:
+        MachineError: the disk is full or faulty, so that the units after this one would fail as well.
+    """
     from noiseid_cli.pipeline.kernels import kernels_announced
 
     context = context.at(unit.point_index)
@@ -104,6 +110,12 @@ def make(context: Context, unit: Unit, listener: Listener) -> Token:
                 message, status = _make_dataset(context, unit, listener), ""
             else:
                 message, status = _make_estimate(context, unit, listener)
+    except MachineError:
+        raise
+    except OSError as error:
+        if fault := machine_error(error):
+            raise fault from error
+        raise
     except NoiseidError as error:
         return Token(unit.name, unit.path, "failed", str(error), seconds=time.perf_counter() - began)
     return Token(unit.name, unit.path, "made", message, status, time.perf_counter() - began)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from noiseid_cli.errors import DataError
+from noiseid_cli.errors import DataError, machine_error
 from noiseid_cli.pipeline.assessment import fitted_part
 from noiseid_cli.pipeline.bound import bounds
 from noiseid_cli.pipeline.context import Context
@@ -63,8 +63,10 @@ def make_report_stage(context: Context, methods: list[str] | None = None, anew: 
         anew: write it even if nothing has changed since the last one.
 
     Raises:
-        DataError: there is no result that can be read, or the report cannot be written.
+        MachineError: the disk is full or faulty.
+        DataError: there is no result that can be read, or the report cannot be written for another reason.
     """
+    from noiseid_cli.storage.atomic import publish
     from noiseid_cli.storage.lock import locked
 
     study, sources = gather(context, methods)
@@ -89,10 +91,10 @@ def make_report_stage(context: Context, methods: list[str] | None = None, anew: 
         with locked(context.folder, context.say, wait=True, name=".report.lock"):
             names = _write(study, folder, context.experiment.report.formats, before.get("files", ()))
             index = json.dumps({"key": key, "files": names}, indent=1)
-            (folder / _INDEX).write_text(index, encoding="utf-8")
+            publish(folder / _INDEX, index.encode())
     except OSError as error:
-        where = error.filename or folder
-        raise DataError(f"the report cannot be written: {where}: {error.strerror}; mend that, or use --out") from error
+        said = f"the report cannot be written: {error.filename or folder}"
+        raise machine_error(error, said) or DataError(f"{said}: {error.strerror}; mend that, or use --out") from error
     return replace(shown, page=folder / names[0], written=True)
 
 

@@ -23,7 +23,7 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
-from noiseid_cli.errors import DataError, NoiseidError
+from noiseid_cli.errors import DataError, MachineError, NoiseidError, machine_error
 from noiseid_cli.models.threads import use_threads
 from noiseid_cli.pipeline.context import Context, Say, open_experiment
 from noiseid_cli.pipeline.kernels import Compiled
@@ -115,12 +115,15 @@ def _work(recipe: Recipe, pipe: Connection, threads: int) -> None:
                 with use_threads(threads):
                     token = make(context, unit, teller)
                 teller.end(token)
-            except NoiseidError as error:
-                teller.end(Token(unit.name, unit.path, "failed", str(error)))
             except (BrokenPipeError, ConnectionResetError):
                 raise
-            except Exception:  # a bug: the parent reports it
-                pipe.send(("bug", traceback.format_exc()))
+            except Exception as error:
+                if fault := machine_error(error):
+                    pipe.send(("machine", str(fault)))
+                elif isinstance(error, NoiseidError):
+                    teller.end(Token(unit.name, unit.path, "failed", str(error)))
+                else:  # a bug: the parent reports it
+                    pipe.send(("bug", traceback.format_exc()))
 
 
 @dataclass
@@ -154,6 +157,7 @@ def in_processes(
         threads: so many tests of a unit may be worked on at once, in each.
 
     Raises:
+        MachineError: the disk is full or faulty.
         WorkerError: a bug showed in a worker.
     """
     recipe, compiled = recipe_of(context), Compiled(context, units)
@@ -219,6 +223,8 @@ def _hear(worker: _Worker, listener: Listener) -> Token | None:
         worker.process.join()
         worker.pipe.close()
         return None
+    if what == "machine":
+        raise MachineError(told[0])
     if what == "bug":
         raise WorkerError(told[0])
     if what == "end":

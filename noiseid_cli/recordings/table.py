@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from noiseid_cli.errors import DataError
+from noiseid_cli.errors import DataError, machine_error
 from noiseid_cli.models.recording import Array
 
 Key = str | int
@@ -64,7 +64,8 @@ def checked_bytes(file: Path) -> bytes:
     try:
         data = file.read_bytes()
     except OSError as error:
-        raise DataError(f"{file} cannot be read: {error.strerror}. Check its permissions.") from error
+        said = f"{file} cannot be read"
+        raise machine_error(error, said) or DataError(f"{said}: {error.strerror}. Check its permissions.") from error
     if not data:
         raise DataError(f"{file} is empty; expected a recording.")
     return data

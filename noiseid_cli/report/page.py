@@ -89,7 +89,7 @@ def _write(path: Path, content: bytes) -> Path:
     try:
         part.write_bytes(content)
         part.replace(path)
-    except OSError:  # on a full disk, half a file would only take the space that is to be freed
+    except BaseException:  # on a full disk, half a file would only take the space that is to be freed
         with suppress(OSError):
             part.unlink(missing_ok=True)
         raise

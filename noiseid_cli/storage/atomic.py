@@ -11,20 +11,16 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
-from noiseid_cli.errors import DataError
+from noiseid_cli.errors import DataError, NoiseidError, machine_error
 
 _ADVICE = {
-    errno.ENOSPC: "the disk is full; free some space and run the same command again",
-    errno.EDQUOT: "the disk quota is used up; free some space and run the same command again",
     errno.EACCES: "writing is not permitted there; choose another folder or change its permissions",
     errno.EPERM: "writing is not permitted there; choose another folder or change its permissions",
-    errno.EROFS: "that file system is read-only; choose another folder",
     errno.ENAMETOOLONG: "the name is too long; choose a shorter one",
     errno.ENOTDIR: "a file stands where a folder is needed; choose another folder",
     errno.EEXIST: "a file stands where a folder is needed; choose another folder",
     errno.EISDIR: "a folder of that name is in the way; move it or choose another name",
     errno.ELOOP: "a link stands in its place; remove it",
-    errno.EIO: "the disk reports a fault; check it, then run the same command again",
 }
 _DAY = 86400.0
 _counter = itertools.count()
@@ -41,7 +37,9 @@ def publish(path: Path, data: bytes) -> None:
         data: the whole content.
 
     Raises:
-        DataError: the operating system refused; nothing new is left in the folder.
+        MachineError: the disk is full or faulty.
+        DataError: the operating system refused for another reason. In both cases nothing new is left in the folder,
+            unless only the last step failed, the sync of the folder: the file is whole then.
     """
     path = Path(path)
     try:
@@ -59,10 +57,11 @@ def publish(path: Path, data: bytes) -> None:
         raise refused(path, error) from error
 
 
-def refused(path: Path, error: OSError) -> DataError:
+def refused(path: Path, error: OSError) -> NoiseidError:
     """What to tell when the operating system does not let a file be written, with what to do about it."""
+    said = f"{path} could not be written"
     advice = _ADVICE.get(error.errno or 0, "put that right and run the same command again")
-    return DataError(f"{path} could not be written: {error.strerror or error}: {advice}.")
+    return machine_error(error, said) or DataError(f"{said}: {error.strerror or error}: {advice}.")
 
 
 def _write(part: Path, data: bytes) -> None:
@@ -93,7 +92,7 @@ def put_aside(path: Path) -> Path:
     """Give a damaged file another name beside its own, ``x.h5.damaged``, so that nothing is lost and its place is free.
 
     Raises:
-        DataError: the operating system refused.
+        NoiseidError: the operating system refused.
     """
     for number in itertools.count(1):
         aside = path.with_name(f"{path.name}.damaged" + (f"-{number}" if number > 1 else ""))
@@ -102,7 +101,8 @@ def put_aside(path: Path) -> Path:
     try:
         path.rename(aside)
     except OSError as error:
-        raise DataError(f"{path} is damaged and could not be put aside: {error.strerror}: move it away.") from error
+        said = f"{path} is damaged and could not be put aside"
+        raise machine_error(error, said) or DataError(f"{said}: {error.strerror}: move it away.") from error
     return aside
 
 

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from noiseid_cli.errors import DamagedError, DataError
+from noiseid_cli.errors import DamagedError, DataError, machine_error
 
 if TYPE_CHECKING:
     import h5py
@@ -136,7 +136,8 @@ def _bytes_of(path: Path, file_format: str) -> bytes:
     except FileNotFoundError as error:
         raise DataError(f"{path} does not exist; expected a {file_format} file. Check the name.") from error
     except OSError as error:
-        raise DataError(f"{path} cannot be read: {error.strerror}. Check its permissions and the disk.") from error
+        said = f"{path} cannot be read"
+        raise machine_error(error, said) or DataError(f"{said}: {error.strerror}. Check its permissions.") from error
 
 
 def _check_format(

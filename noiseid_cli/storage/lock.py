@@ -34,7 +34,7 @@ def locked(folder: Path, say: Callable[[str], None], wait: bool = False, name: s
         name: name of the file, for a lock on a part of the work.
 
     Raises:
-        DataError: another run holds it, or the folder cannot be written.
+        NoiseidError: another run holds it, or the folder cannot be written.
     """
     path = Path(folder) / name
     try:

@@ -9,7 +9,7 @@ import pytest
 from distributed import LocalCluster
 from small_experiment import CONFIG, MODEL, arrays_of, noiseid, write_experiment
 
-from noiseid_cli.errors import DataError
+from noiseid_cli.errors import DataError, MachineError
 from noiseid_cli.pipeline.cluster import check_address
 from noiseid_cli.pipeline.context import open_experiment
 from noiseid_cli.pipeline.engine import run_units
@@ -108,6 +108,10 @@ def test_an_error_on_a_worker_is_a_token_and_a_bug_is_reported(tmp_path, cluster
     (tmp_path / "b").mkdir()
     context, units = poisoned(tmp_path / "b", "1 / 0")
     with pytest.raises(WorkerError, match="ZeroDivisionError"):
+        run_units(context, "simulate", units, Record(), dask=cluster.scheduler_address)
+    (tmp_path / "c").mkdir()
+    context, units = poisoned(tmp_path / "c", "raise OSError(122, 'Disk quota exceeded', 'x.h5')")
+    with pytest.raises(MachineError, match=r"^x\.h5 could not be .*: Disk quota exceeded: the disk quota is used up"):
         run_units(context, "simulate", units, Record(), dask=cluster.scheduler_address)
 
 

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 from small_experiment import CONFIG, MODEL, arrays_of
 
-from noiseid_cli.errors import DataError
+from noiseid_cli.errors import DataError, MachineError
+from noiseid_cli.pipeline import datasets
 from noiseid_cli.pipeline.context import open_experiment
 from noiseid_cli.pipeline.engine import run_units
 from noiseid_cli.pipeline.kernels import SENTENCE, Compiled, kernels_announced
@@ -88,14 +89,14 @@ def test_a_failure_that_cannot_be_recorded_does_not_end_the_run(small, monkeypat
     from noiseid_cli.pipeline import datasets
     from noiseid_cli.storage import failure_file
 
-    def full(*_):
-        raise DataError("the disk is full")
+    def refused(*_):
+        raise DataError("writing is not permitted")
 
-    monkeypatch.setattr(datasets, "make_dataset", full)
-    monkeypatch.setattr(failure_file, "publish", full)
+    monkeypatch.setattr(datasets, "make_dataset", refused)
+    monkeypatch.setattr(failure_file, "publish", refused)
     context = opened(small, "simulate.replicates=2")
     tokens = run_units(context, "simulate", dataset_units(context), Record())
-    assert [t.message for t in tokens] == ["the disk is full"] * 2
+    assert [t.message for t in tokens] == ["writing is not permitted"] * 2
 
 
 def test_a_unit_whose_worker_dies_once_is_tried_again(small):
@@ -129,6 +130,27 @@ def test_workers_that_cannot_begin_fail_their_units(small, code, message):
     assert [t.tries for t in tokens] == [TRIES if "died" in message else 1] * 3
     assert [read_failure(t.path).tries for t in tokens] == [t.tries for t in tokens]
     assert sorted(token.unit for (token,) in record.of("end")) == [t.unit for t in tokens]
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_full_disk_ends_the_run_at_once(small, jobs):
+    """The units after it would fail as well, perhaps after hours; none of them has a record of a failure."""
+    full = "import noiseid_cli.pipeline.datasets as d\nreal = d.make_dataset\n"
+    full += "def make(c, u):\n    if u.replicate == 1:\n        raise OSError(28, 'No space left on device')\n"
+    full += "    return real(c, u)\nd.make_dataset = make\n"
+    if jobs == 2:
+        full = IN_A_WORKER + full.replace("\n", "\n    ")
+    (small.parent / "cart.py").write_text(MODEL + "\n" + full)
+    real = datasets.make_dataset
+    try:
+        context = opened(small, "simulate.replicates=3")
+        units = dataset_units(context)
+        with pytest.raises(MachineError, match="No space left on device: the disk is full"):
+            run_units(context, "simulate", units, Record(), jobs=jobs)
+    finally:
+        datasets.make_dataset = real
+    assert not units[1].done
+    assert all(read_failure(unit.path) is None for unit in units)
 
 
 def test_a_unit_that_hangs_is_ended_and_the_others_go_on(small):
