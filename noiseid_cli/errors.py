@@ -29,7 +29,7 @@ class EstimationError(NoiseidError):
 
 
 class MachineError(NoiseidError):
-    """The machine failed: the disk is full or faulty. What is finished is kept, and the run cannot go on."""
+    """The machine failed: a disk that is full or faulty, a cluster that is lost. What is finished is kept."""
 
     exit_code = 1
 

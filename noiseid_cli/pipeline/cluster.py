@@ -7,12 +7,13 @@ process must see the same folders under the same names, and run the same noiseid
 
 from __future__ import annotations
 
+import logging
 import re
 import threading
 import traceback
 from collections import deque
-from collections.abc import Generator, Sequence
-from contextlib import ExitStack, suppress
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -49,8 +50,8 @@ def on_cluster(
         workers: number of workers, for ``local``.
 
     Raises:
-        MachineError: the disk of a worker is full or faulty.
-        DataError: there is no scheduler at the address, it is lost, or its workers cannot run noiseid.
+        MachineError: the disk of a worker is full or faulty, or the scheduler is lost.
+        DataError: there is no scheduler at the address, or its workers cannot run noiseid.
         WorkerError: a bug showed in a worker.
     """
     recipe = recipe_of(context)
@@ -67,7 +68,9 @@ def on_cluster(
                 listener.begin(unit.name)
             for future in _ended(client, pending):
                 unit = pending.pop(future)
-                yield replace(_token(future, unit), unit=unit.name, path=unit.path)
+                with _losses_told():
+                    token = _token(future, unit)
+                yield replace(token, unit=unit.name, path=unit.path)
 
 
 def work(recipe: Recipe, unit: Unit) -> Token | MachineError | str:
@@ -112,6 +115,7 @@ def _connect(address: str, workers: int, stack: ExitStack, listener: Listener) -
         from distributed import Client, LocalCluster
     except ImportError as error:
         raise DataError("--dask needs dask.distributed: pip install 'noiseid[cluster]'") from error
+    _hush()
     target: Any = address
     if address == LOCAL:
         stack.enter_context(
@@ -149,20 +153,18 @@ def _connect(address: str, workers: int, stack: ExitStack, listener: Listener) -
 
 def _threads(client: Client) -> dict[str, int]:
     """Number of threads of each worker that is there now."""
-    try:
+    with _losses_told():
         return dict(client.nthreads())
-    except (OSError, ValueError) as error:
-        raise DataError(_LOST) from error
 
 
 def _ended(client: Client, pending: dict[Any, Unit]) -> list[Any]:
     """The futures that have ended, within a second or so; new workers are looked for meanwhile."""
     from distributed import wait
 
-    with suppress(TimeoutError):
+    with _losses_told(), suppress(TimeoutError):
         wait(list(pending), timeout=1.0, return_when="FIRST_COMPLETED")
     if client.status != "running":
-        raise DataError(_LOST)
+        raise MachineError(_LOST)
     return [future for future in pending if future.status != "pending"]
 
 
@@ -184,7 +186,24 @@ def _token(future: Future[Any], unit: Unit) -> Token:
             tries = error.allowed_failures + 1
             return Token(unit.name, unit.path, "failed", _KILLED.format(tries), tries=tries)
         raise DataError(f"the workers cannot run noiseid: {type(error).__name__}: {error}") from error
-    raise DataError(_LOST)
+    raise MachineError(_LOST)
+
+
+@contextmanager
+def _losses_told() -> Iterator[None]:
+    """Whatever dask raises when its scheduler has gone, in a sentence."""
+    from distributed import CancelledError
+
+    try:
+        yield
+    except (OSError, ValueError, CancelledError) as error:
+        raise MachineError(_LOST) from error
+
+
+def _hush() -> None:
+    """Keep off the screen the tracebacks that dask logs when a connection breaks: what they mean is said in words."""
+    for name in ("distributed.client", "distributed.core", "distributed.comm", "tornado.application", "asyncio"):
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
 
 
 def _absolute(unit: Unit) -> Unit:

@@ -2,6 +2,8 @@
 
 import os
 import signal
+import subprocess
+import sys
 import threading
 
 import dask
@@ -113,6 +115,56 @@ def test_an_error_on_a_worker_is_a_token_and_a_bug_is_reported(tmp_path, cluster
     context, units = poisoned(tmp_path / "c", "raise OSError(122, 'Disk quota exceeded', 'x.h5')")
     with pytest.raises(MachineError, match=r"^x\.h5 could not be .*: Disk quota exceeded: the disk quota is used up"):
         run_units(context, "simulate", units, Record(), dask=cluster.scheduler_address)
+
+
+ALONE = """
+from distributed import LocalCluster
+address = {"host": "127.0.0.1", "protocol": "tcp", "dashboard_address": "127.0.0.1:0"}
+with LocalCluster(n_workers=1, threads_per_worker=1, processes=False, silence_logs=50, **address) as cluster:
+    print(cluster.scheduler_address, flush=True)
+    input()
+"""
+
+
+def test_a_scheduler_that_dies_in_mid_run_loses_nothing_that_is_finished(tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    restless = "em: {acceleration: none, parameter_tolerance: 0, max_passes: 30}"
+    write_experiment(
+        tmp_path, CONFIG.replace("em: {}", restless).replace("samples: 80", "samples: 200\n  replicates: 3")
+    )
+    assert noiseid("run", "-q", "-o", "whole").exit_code == 4  # none comes to rest
+    # Scheduler and worker in one process, which is killed when the second result is there.
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with subprocess.Popen([sys.executable, "-c", ALONE], text=True, **pipes) as alone:
+        results, ended = tmp_path / "runs/small/results", threading.Event()
+
+        def watch():
+            while len(list(results.glob("*.h5"))) < 2 and not ended.wait(0.01):
+                pass
+            alone.kill()
+
+        watcher = threading.Thread(target=watch)
+        watcher.start()
+        try:
+            told = noiseid("run", "--dask", alone.stdout.readline().strip())
+        finally:
+            ended.set()
+            watcher.join()
+    assert told.exit_code == 1
+    assert told.stderr.splitlines()[-1] == (
+        "noiseid: the connection to the dask scheduler was lost; what is finished is kept, and the same command goes "
+        "on from there"
+    )
+    assert "Traceback" not in told.stderr + capfd.readouterr().err
+    kept = {path: path.stat().st_mtime_ns for path in files(tmp_path / "runs").values()}
+    assert 5 <= len(kept) < 9
+    again = noiseid("run")
+    assert again.exit_code == 4
+    assert f"estimate: 6 units, {len(kept) - 3} there already" in again.stderr
+    whole, now = files(tmp_path / "whole"), files(tmp_path / "runs")
+    assert {path: path.stat().st_mtime_ns for path in kept} == kept
+    assert sorted(now) == sorted(whole)
+    assert all(arrays_of(now[name]) == arrays_of(whole[name]) for name in whole)
 
 
 @pytest.mark.parametrize("address", ["nowhere", "http://a:1", "tcp://a", "tls://", "/etc", "tcp://a:1/../x"])
