@@ -1,7 +1,7 @@
-"""The E-step of EM: smooth every test and gather what the M-steps need, in square-root form.
+"""The E-step of EM: smooth every test and gather what the M-steps need.
 
-The expected second moments of v and e are accumulated as triangular factors (each sample adds rows, one
-triangularisation absorbs them), so that every M-step is symmetric and positive semidefinite by construction.
+Filter and smoother work on factors; the expected second moments of v and e are sums of products of their rows, from
+which nothing is subtracted, so that every M-step is symmetric and positive semidefinite by construction.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from noiseid_cli.errors import EstimationError
 from noiseid_cli.estimators.measurement_moment import FILTERED, LINEARISATIONS, SMOOTHED, measurement
 from noiseid_cli.estimators.process_moment import process_filtered, process_smoothed
 from noiseid_cli.estimators.sigma_moments import measurement_sigma, process_sigma
-from noiseid_cli.filters.linalg import merge, upper_factor
+from noiseid_cli.filters.linalg import upper_factor
 from noiseid_cli.filters.segments import smoothed_parts
 from noiseid_cli.filters.sigma_filter import sigma_point_filter
 from noiseid_cli.filters.sigma_points import SigmaWeights
@@ -35,17 +35,17 @@ class Statistics:
 
     Attributes:
         loglik: log-likelihood of all tests under the values of the pass.
-        U_v: (nv, nv) factor of the sum over steps of E[v v' | y]; steps: number of steps.
-        U_e: (ny, ny) factor of the sum over samples of E[e e' | y], zero rows where a block was not measured.
+        sum_v: (nv, nv) sum over steps of E[v v' | y]; steps: number of steps.
+        sum_e: (ny, ny) sum over samples of E[e e' | y], nothing being added where a block was not measured.
         samples: (ny,) number of samples that count for each output.
         m_first: (tests, nx) smoothed mean and U_first: (tests, nx, nx) factor of the first state.
         singular: number of singular predictions, see ``Smoothed``.
     """
 
     loglik: float
-    U_v: Array
+    sum_v: Array
     steps: int
-    U_e: Array
+    sum_e: Array
     samples: Array
     m_first: Array
     U_first: Array
@@ -54,14 +54,14 @@ class Statistics:
     @property
     def moment_v(self) -> Array:
         """(nv, nv) mean of E[v v' | y]: the M-step of an unstructured Q."""
-        return self.U_v.T @ self.U_v / self.steps
+        return self.sum_v / self.steps
 
     @property
     def moment_e(self) -> Array:
         """(ny, ny) mean of E[e e' | y]; entries of outputs that were never measured are NaN."""
         s = np.sqrt(self.samples)
         with np.errstate(invalid="ignore"):
-            moment: Array = self.U_e.T @ self.U_e / np.outer(s, s)
+            moment: Array = self.sum_e / np.outer(s, s)
         return moment
 
 
@@ -104,15 +104,17 @@ def e_step(
     for own in found[1:]:
         total.join(own)
     m_first, U_first = np.array([own.m_first for own in found]), np.array([own.U_first for own in found])
-    return Statistics(total.loglik, total.U_v, total.steps, total.U_e, total.samples, m_first, U_first, total.singular)
+    return Statistics(
+        total.loglik, total.sum_v, total.steps, total.sum_e, total.samples, m_first, U_first, total.singular
+    )
 
 
 @dataclass
 class _Gather:
     """The sums of ``Statistics`` over one test, while they grow."""
 
-    U_v: Array
-    U_e: Array
+    sum_v: Array
+    sum_e: Array
     samples: Array
     m_first: Array
     U_first: Array
@@ -137,8 +139,8 @@ class _Gather:
         self.singular += other.singular
         self.steps += other.steps
         self.samples += other.samples
-        merge(self.U_v, other.U_v)
-        merge(self.U_e, other.U_e)
+        self.sum_v += other.sum_v
+        self.sum_e += other.sum_e
 
 
 Blocks = np.ndarray[tuple[int], np.dtype[np.int64]]
@@ -153,17 +155,17 @@ def _extended(
         gather.add(filtered.loglik, smoothed.singular, smoothed.m, smoothed.U)
         dt, u, y = (np.ascontiguousarray(a) for a in (part.dt, part.u, part.y))
         if linearisation == FILTERED:
-            process_filtered(filtered.m_pred, smoothed.m, smoothed.U, smoothed.gain, smoothed.C, gather.U_v)
+            process_filtered(filtered.m_pred, smoothed.m, smoothed.U, smoothed.gain, smoothed.C, gather.sum_v)
         else:
             dependent = process_smoothed(
                 model.scheme, model.drift_jacobian, model.parameters, dt, u,
-                smoothed.m, smoothed.U, smoothed.gain, smoothed.C, gather.U_v,
+                smoothed.m, smoothed.U, smoothed.gain, smoothed.C, gather.sum_v,
             )  # fmt: skip
             _refuse_dependent(part, dependent)
         if block_of is not None:
             measurement(
                 model.output_jacobian, model.parameters, u, y, filtered.m_pred, filtered.H, filtered.innovation,
-                smoothed.m, smoothed.U, UR, block_of, linearisation, gather.U_e, gather.samples,
+                smoothed.m, smoothed.U, UR, block_of, linearisation, gather.sum_e, gather.samples,
             )  # fmt: skip
 
 
@@ -179,13 +181,13 @@ def _sigma_points(
     dt, u, y = (np.ascontiguousarray(a) for a in (recording.dt, recording.u, recording.y))
     dependent = process_sigma(
         model.scheme, model.drift_jacobian, model.parameters, dt, u, weights.eta, centre,
-        smoothed.m, smoothed.U, smoothed.T, smoothed.V, gather.U_v,
+        smoothed.m, smoothed.U, smoothed.T, smoothed.V, gather.sum_v,
     )  # fmt: skip
     _refuse_dependent(recording, dependent)
     if block_of is not None:
         measurement_sigma(
             model.output, model.parameters, u, y, weights.eta, centre, smoothed.m, smoothed.U, UR, block_of,
-            gather.U_e, gather.samples,
+            gather.sum_e, gather.samples,
         )  # fmt: skip
 
 

@@ -1,4 +1,7 @@
-"""Second moment of the measurement noise given the data, accumulated as a triangular factor sample by sample."""
+"""Second moment of the measurement noise given the data, summed over the samples.
+
+As for the process noise, products of rows are added up, and where samples are equal only the row of the mean is new.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,8 @@ import numpy as np
 from numba import types
 
 from noiseid_cli.filters.ekf import cube
-from noiseid_cli.filters.linalg import absorb, rows_of, triangularise
+from noiseid_cli.filters.linalg import add_products, rows_of, triangularise
+from noiseid_cli.filters.rest import same
 from noiseid_cli.models.jit import kernel, routine
 from noiseid_cli.models.signatures import OutputJacobian, matrix, vector
 
@@ -69,14 +73,14 @@ def _complete(UR, block, seen, E, rows, W, w):  # type: ignore[no-untyped-def]
 
 
 @routine
-def absorb_sample(E, rows, seen, UR, block_of, block, U_e, samples, W, w):  # type: ignore[no-untyped-def]
-    """Complete E block by block and absorb its rows into U_e; a block without a measured output is left out.
+def add_sample(E, rows, seen, UR, block_of, block, sum_e, samples, W, w):  # type: ignore[no-untyped-def]
+    """Complete E block by block and add its products to sum_e; a block without a measured output is left out.
 
     Args:
         E: (>= rows + ny, ny), factor rows of the errors of one sample, zero where an output is missing; overwritten.
         seen: (ny,) which outputs were measured; UR: (ny, ny) factor of R; block_of: (ny,) block of each output.
-        block, W, w: scratch (ny,), (>= rows + 2 ny, ny), (ny,).
-        U_e, samples: updated, see ``Statistics``.
+        block, W, w: scratch (ny,), (ny, ny), (ny,).
+        sum_e, samples: updated, see ``Statistics``.
     """
     ny = UR.shape[0]
     for b in range(ny):
@@ -93,10 +97,7 @@ def absorb_sample(E, rows, seen, UR, block_of, block, U_e, samples, W, w):  # ty
             samples[i] += 1.0
         if count < size:
             rows = _complete(UR, block[:size], seen, E, rows, W, w)
-    for r in range(rows):
-        for i in range(ny):
-            W[ny + r, i] = E[r, i]
-    absorb(U_e, rows, W, w)
+    add_products(E, rows, sum_e)
 
 
 @kernel(
@@ -106,19 +107,21 @@ def absorb_sample(E, rows, seen, UR, block_of, block, U_e, samples, W, w):  # ty
     ),
 )  # fmt: skip
 def measurement(  # type: ignore[no-untyped-def]
-    output_jacobian, p, u, y, m_pred, H_pred, innovation, m, U, UR, block_of, linearisation, U_e, samples
+    output_jacobian, p, u, y, m_pred, H_pred, innovation, m, U, UR, block_of, linearisation, sum_e, samples
 ):
     """Add E[e e' | y]: rows U_k H' and the residual, completed where outputs are missing."""
     N, n = m.shape
     ny = y.shape[1]
     y_hat = np.empty(ny)
-    H = np.empty((ny, n))
+    both = np.empty((2, ny, n))
     seen = np.empty(ny, dtype=np.bool_)
     block = np.empty(ny, dtype=np.int64)
-    W = np.empty((2 * ny + n + 1, ny))
-    E = np.empty((n + 1 + ny, ny))
-    w = np.empty(ny)
+    W, w = np.empty((ny, ny)), np.empty(ny)
+    E, spread, residual = np.empty((n + 1 + ny, ny)), np.empty((ny, ny)), np.empty((1, ny))
+    # Whether spread is that of the sample before, whose outputs were all measured.
+    known = False
     for k in range(N):
+        H, H_before = both[k % 2], both[1 - k % 2]
         if linearisation == FILTERED:
             H[:, :] = H_pred[k]
             for i in range(ny):
@@ -127,14 +130,24 @@ def measurement(  # type: ignore[no-untyped-def]
                     y_hat[i] += H[i, j] * (m[k, j] - m_pred[k, j])
         else:
             output_jacobian(m[k], u[k], p, y_hat, H)
-        any_seen = False
-        rows_of(U[k], H, 0, ny, E, 0, 0)
+        count = 0
         for i in range(ny):
             seen[i] = not math.isnan(y[k, i])
-            any_seen = any_seen or seen[i]
-            if not seen[i]:
-                E[:n, i] = 0.0
-            E[n, i] = y[k, i] - y_hat[i] if seen[i] else 0.0
-        if not any_seen:
-            continue
-        absorb_sample(E, n + 1, seen, UR, block_of, block, U_e, samples, W, w)
+            count += 1 if seen[i] else 0
+            residual[0, i] = y[k, i] - y_hat[i] if seen[i] else 0.0
+        if count == ny:
+            if not (known and same(H, H_before) and same(U[k], U[k - 1])):
+                rows_of(U[k], H, 0, ny, E, 0, 0)
+                spread[:] = 0.0
+                add_products(E, n, spread)
+            sum_e += spread
+            add_products(residual, 1, sum_e)
+            samples += 1.0
+        elif count > 0:
+            rows_of(U[k], H, 0, ny, E, 0, 0)
+            for i in range(ny):
+                if not seen[i]:
+                    E[:n, i] = 0.0
+            E[n] = residual[0]
+            add_sample(E, n + 1, seen, UR, block_of, block, sum_e, samples, W, w)
+        known = count == ny

@@ -1,4 +1,8 @@
-"""Second moment of the process noise given the data, accumulated as a triangular factor sample by sample."""
+"""Second moment of the process noise given the data, summed over the steps.
+
+Each step gives rows whose products are added up: nothing is subtracted, so that the sum is symmetric and positive
+semidefinite. Where steps are equal (see ``filters.rest``) only the row of the mean is new.
+"""
 
 from __future__ import annotations
 
@@ -6,90 +10,120 @@ import numpy as np
 from numba import types
 
 from noiseid_cli.filters.ekf import cube
-from noiseid_cli.filters.linalg import absorb, left_solve, rows_of
+from noiseid_cli.filters.linalg import add_products, left_solve, rows_of
+from noiseid_cli.filters.rest import same
 from noiseid_cli.models.discretisation import transition, workspace
 from noiseid_cli.models.jit import kernel, routine
 from noiseid_cli.models.signatures import DriftJacobian, matrix, vector
 
 
+@routine
+def _equal_step(k, U, gain, C):  # type: ignore[no-untyped-def]
+    """Whether the smoother's covariances of step k are those of the step before."""
+    return k > 0 and same(gain[k], gain[k - 1]) and same(C[k], C[k - 1]) and same(U[k + 1], U[k])
+
+
 @kernel(types.void(matrix, matrix, cube, cube, cube, matrix))
-def process_filtered(m_pred, m, U, gain, C, U_v):  # type: ignore[no-untyped-def]
+def process_filtered(m_pred, m, U, gain, C, sum_v):  # type: ignore[no-untyped-def]
     """Add E[v v' | y] under the filter's linearisation: the smoother's own posterior of v_k."""
     N, n = m.shape
-    nv = U_v.shape[0]
+    nv = sum_v.shape[0]
     rows = C.shape[1]
-    W = np.empty((nv + rows + n + 1, nv))
-    w = np.empty(nv)
+    W, spread = np.empty((rows + n, nv)), np.empty((nv, nv))
+    mean = np.empty((1, nv))
     for k in range(N - 1):
-        for c in range(nv):
+        if not _equal_step(k, U, gain, C):
             for r in range(rows):
-                W[nv + r, c] = C[k, r, n + c]
-            for r in range(n):
-                total = 0.0
-                for j in range(r, n):
-                    total += U[k + 1, r, j] * gain[k, n + c, j]
-                W[nv + rows + r, c] = total
-            total = 0.0
+                for c in range(nv):
+                    W[r, c] = C[k, r, n + c]
+            rows_of(U[k + 1], gain[k], n, nv, W, rows, 0)
+            spread[:] = 0.0
+            add_products(W, rows + n, spread)
+        for c in range(nv):
+            mean[0, c] = 0.0
             for j in range(n):
-                total += gain[k, n + c, j] * (m[k + 1, j] - m_pred[k + 1, j])
-            W[nv + rows + n, c] = total
-        absorb(U_v, rows + n + 1, W, w)
+                mean[0, c] += gain[k, n + c, j] * (m[k + 1, j] - m_pred[k + 1, j])
+        sum_v += spread
+        add_products(mean, 1, sum_v)
 
 
 @routine
-def remainder(J, X, D):  # type: ignore[no-untyped-def]
-    """Write I - J X to D, of X the first rows."""
-    n = np.uint64(D.shape[0])
+def left_inverse(F2, A, X, w, L):  # type: ignore[no-untyped-def]
+    """Write F2^+ (nv, n) to L; returns whether F2 (n, nv) has full column rank. A, X, w are scratch."""
+    n, nv = F2.shape
     for i in range(n):
-        for c in range(n):
-            D[i, c] = 1.0 if i == c else 0.0
+        for c in range(nv):
+            A[i, c] = F2[i, c]
         for j in range(n):
-            a = J[i, j]
-            for c in range(n):
-                D[i, c] -= a * X[j, c]
+            A[i, nv + j] = 1.0 if i == j else 0.0
+    if not left_solve(A, nv, nv + n, X, w):
+        return False
+    for c in range(nv):
+        for i in range(n):
+            L[c, i] = X[i, c]
+    return True
+
+
+@routine
+def _spread(L, J1, X, U, C, B, D, W, total):  # type: ignore[no-untyped-def]
+    """Write F2^+ (-J1 I) P^xi (-J1 I)' F2^+' to ``total``: products of the rows -C_x (L J1)' and U (L - L J1 X)'."""
+    nv, n = np.uint64(L.shape[0]), np.uint64(L.shape[1])
+    rows = np.uint64(C.shape[0])
+    for c in range(nv):
+        for j in range(n):
+            B[c, j] = 0.0
+            D[c, j] = L[c, j]
+        for i in range(n):
+            a = L[c, i]
+            if a != 0.0:
+                for j in range(n):
+                    B[c, j] += a * J1[i, j]
+        for i in range(n):
+            a = B[c, i]
+            for j in range(n):
+                D[c, j] -= a * X[i, j]
+        for r in range(rows):
+            product = 0.0
+            for j in range(n):
+                product -= C[r, j] * B[c, j]
+            W[r, c] = product
+    rows_of(U, D, 0, nv, W, rows, 0)
+    total[:] = 0.0
+    add_products(W, rows + n, total)
 
 
 @kernel(
     types.int64(types.int64, DriftJacobian, vector, vector, matrix, matrix, cube, cube, cube, matrix),
 )  # fmt: skip
-def process_smoothed(scheme, drift_jacobian, p, dt, u, m, U, gain, C, U_v):  # type: ignore[no-untyped-def]
+def process_smoothed(scheme, drift_jacobian, p, dt, u, m, U, gain, C, sum_v):  # type: ignore[no-untyped-def]
     """Add F2^+ M F2^+' of the paper's M-step, J1 and F2 taken at the smoothed states.
 
-    M = (-J1 I) P^xi (-J1 I)' + r r' has the rows -C_x J1', U_{k+1} (I - J1 X)' and r'; F2^+ is applied by a
-    triangularisation of [F2, rows'] and back-substitution. Returns the sample where F2 lacks full column rank, or -1.
+    M = (-J1 I) P^xi (-J1 I)' + r r', r = x_{k+1} - F1(x_k) at the smoothed means. Returns the sample where F2 lacks
+    full column rank, or -1.
     """
     N, n = m.shape
-    nv = U_v.shape[0]
+    nv = sum_v.shape[0]
     if nv > n:
         return 0
     rows = C.shape[1]
-    total_rows = rows + n + 1
-    x_next = np.empty(n)
-    J1 = np.empty((n, n))
-    F2 = np.empty((n, nv))
+    x_next, mean = np.empty(n), np.empty((1, nv))
+    # Jacobians and gains of this step and of the one before, in turns.
+    J, G = np.empty((2, n, n)), np.empty((2, n, nv))
     work = workspace(n, nv)
-    D, V = np.empty((n, n)), np.empty((n, n))
-    L = np.empty((n, nv + total_rows))
-    w = np.empty(nv + total_rows)
-    W = np.empty((nv + total_rows, nv))
+    A, X, w, L = np.empty((n, nv + n)), np.empty((n, nv)), np.empty(nv + n), np.empty((nv, n))
+    B, D, W, spread = np.empty((nv, n)), np.empty((nv, n)), np.empty((rows + n, nv)), np.empty((nv, nv))
     for k in range(N - 1):
+        J1, F2, J1_before, F2_before = J[k % 2], G[k % 2], J[1 - k % 2], G[1 - k % 2]
         transition(scheme, drift_jacobian, m[k], u[k], dt[k], p, x_next, J1, F2, work)
-        for i in range(n):
-            for c in range(nv):
-                L[i, c] = F2[i, c]
-            for r in range(rows):
-                total = 0.0
-                for j in range(n):
-                    total -= C[k, r, j] * J1[i, j]
-                L[i, nv + r] = total
-            L[i, nv + rows + n] = m[k + 1, i] - x_next[i]
-        # U_{k+1} (I - J1 X)'.
-        remainder(J1, gain[k], D)
-        rows_of(U[k + 1], D, 0, n, V, 0, 0)
-        for i in range(n):
-            for r in range(n):
-                L[i, nv + rows + r] = V[r, i]
-        if not left_solve(L, nv, nv + total_rows, W[nv:], w):
+        equal = k > 0 and same(F2, F2_before)
+        if not equal and not left_inverse(F2, A, X, w, L):
             return k
-        absorb(U_v, total_rows, W, w)
+        if not (equal and same(J1, J1_before) and _equal_step(k, U, gain, C)):
+            _spread(L, J1, gain[k], U[k + 1], C[k], B, D, W, spread)
+        for c in range(nv):
+            mean[0, c] = 0.0
+            for i in range(n):
+                mean[0, c] += L[c, i] * (m[k + 1, i] - x_next[i])
+        sum_v += spread
+        add_products(mean, 1, sum_v)
     return -1

@@ -16,9 +16,9 @@ import math
 import numpy as np
 from numba import types
 
-from noiseid_cli.estimators.measurement_moment import absorb_sample
+from noiseid_cli.estimators.measurement_moment import add_sample
 from noiseid_cli.filters.ekf import cube
-from noiseid_cli.filters.linalg import absorb, left_solve
+from noiseid_cli.filters.linalg import add_products, left_solve
 from noiseid_cli.filters.sigma_points import draw
 from noiseid_cli.filters.sigma_rows import split
 from noiseid_cli.models.discretisation import transition, workspace
@@ -32,17 +32,17 @@ from noiseid_cli.models.signatures import DriftJacobian, Output, matrix, vector
         matrix,
     ),
 )  # fmt: skip
-def process_sigma(scheme, drift_jacobian, p, dt, u, eta, centre, m, U, T, V, U_v):  # type: ignore[no-untyped-def]
-    """Add E[v v' | y] to the factor U_v. Returns the sample where F2 lacks full column rank, or -1.
+def process_sigma(scheme, drift_jacobian, p, dt, u, eta, centre, m, U, T, V, sum_v):  # type: ignore[no-untyped-def]
+    """Add E[v v' | y] to sum_v. Returns the sample where F2 lacks full column rank, or -1.
 
     Args:
         scheme, drift_jacobian, p, dt, u: the model and the test's intervals and inputs.
         eta, centre: spread of the points and their pair centre, see ``sigma_rows``.
         m, U, T, V: of ``SigmaSmoothed``.
-        U_v: (nv, nv), updated.
+        sum_v: (nv, nv), updated.
     """
     N, n = m.shape
-    nv = U_v.shape[0]
+    nv = sum_v.shape[0]
     if nv > n:
         return 0
     points = 2 * n + 1
@@ -54,7 +54,6 @@ def process_sigma(scheme, drift_jacobian, p, dt, u, eta, centre, m, U, T, V, U_v
     work = workspace(n, nv)
     L = np.empty((n, nv + 1 + n))
     w = np.empty(nv + 1 + n)
-    W = np.empty((nv + (2 * n + 1) * (n + 1), nv))
     for k in range(N - 1):
         draw(m[k], U[k], eta, X)
         for i in range(points):
@@ -73,21 +72,10 @@ def process_sigma(scheme, drift_jacobian, p, dt, u, eta, centre, m, U, T, V, U_v
             if not left_solve(L, nv, nv + 1 + n, values[i].reshape(1 + n, nv), w):
                 return k
         split(values, eta, centre, mean, rows)
-        count = nv
-        for j in range(1 + n):
-            # The mean of a row, then its spread; a constant gain has none in the rows of V.
-            for c in range(nv):
-                W[count, c] = mean[j * nv + c]
-            count += 1
-            for r in range(2 * n):
-                size = 0.0
-                for c in range(nv):
-                    size += abs(rows[r, j * nv + c])
-                if size > 0.0:
-                    for c in range(nv):
-                        W[count, c] = rows[r, j * nv + c]
-                    count += 1
-        absorb(U_v, count - nv, W, w)
+        # The mean, then the spread of what one row each of r and V gives.
+        add_products(mean.reshape(1 + n, nv), 1 + n, sum_v)
+        for r in range(2 * n):
+            add_products(rows[r].reshape(1 + n, nv), 1 + n, sum_v)
     return -1
 
 
@@ -97,7 +85,7 @@ def process_sigma(scheme, drift_jacobian, p, dt, u, eta, centre, m, U, T, V, U_v
         matrix, vector,
     ),
 )  # fmt: skip
-def measurement_sigma(output, p, u, y, eta, centre, m, U, UR, block_of, U_e, samples):  # type: ignore[no-untyped-def]
+def measurement_sigma(output, p, u, y, eta, centre, m, U, UR, block_of, sum_e, samples):  # type: ignore[no-untyped-def]
     """Add E[e e' | y], completed where outputs are missing, as ``measurement_moment.measurement`` does."""
     N, n = m.shape
     ny = y.shape[1]
@@ -107,7 +95,7 @@ def measurement_sigma(output, p, u, y, eta, centre, m, U, UR, block_of, U_e, sam
     seen = np.empty(ny, dtype=np.bool_)
     block = np.empty(ny, dtype=np.int64)
     E = np.empty((points + ny, ny))
-    W, w = np.empty((points + 2 * ny, ny)), np.empty(ny)
+    W, w = np.empty((ny, ny)), np.empty(ny)
     for k in range(N):
         any_seen = False
         for i in range(ny):
@@ -123,4 +111,4 @@ def measurement_sigma(output, p, u, y, eta, centre, m, U, UR, block_of, U_e, sam
             for r in range(2 * n):
                 E[r, i] = D[r, i] if seen[i] else 0.0
             E[2 * n, i] = y[k, i] - y_hat[i] if seen[i] else 0.0
-        absorb_sample(E, points, seen, UR, block_of, block, U_e, samples, W, w)
+        add_sample(E, points, seen, UR, block_of, block, sum_e, samples, W, w)

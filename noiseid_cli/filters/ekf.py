@@ -15,6 +15,7 @@ from numba import types
 
 from noiseid_cli.errors import NoiseidError
 from noiseid_cli.filters.linalg import rows_of, triangularise, upper_factor
+from noiseid_cli.filters.rest import at_rest, copy, same
 from noiseid_cli.models.compiled import CompiledModel
 from noiseid_cli.models.discretisation import transition, workspace
 from noiseid_cli.models.jit import kernel, routine
@@ -198,6 +199,16 @@ def condition(W, rows, q, m, e, m_out, U_out, w):  # type: ignore[no-untyped-def
     """
     n = m.shape[0]
     triangularise(W, rows, q + n, q + n, w)
+    for r in range(n):
+        for c in range(n):
+            U_out[r, c] = W[q + r, q + c] if r <= c else 0.0
+    return correct(W, q, m, e, m_out)
+
+
+@routine
+def correct(W, q, m, e, m_out):  # type: ignore[no-untyped-def]
+    """Mean of x given y from the triangularised joint factor of (y, x), see ``condition``, which it is a part of."""
+    n = m.shape[0]
     loglik = -0.5 * q * LOG_2PI
     for i in range(q):
         for j in range(i):
@@ -210,8 +221,6 @@ def condition(W, rows, q, m, e, m_out, U_out, w):  # type: ignore[no-untyped-def
         m_out[c] = m[c]
         for i in range(q):
             m_out[c] += W[i, q + c] * e[i]
-        for r in range(n):
-            U_out[r, c] = W[q + r, q + c] if r <= c else 0.0
     return loglik
 
 
@@ -233,6 +242,15 @@ def predict(U, F, G, UQ, U_out, W, w):  # type: ignore[no-untyped-def]
             U_out[r, c] = W[r, c]
 
 
+@routine
+def _same_measured(innovation, other):  # type: ignore[no-untyped-def]
+    """Whether the same outputs were measured at two samples."""
+    alike = True
+    for i in range(innovation.shape[0]):
+        alike = alike and math.isnan(innovation[i]) == math.isnan(other[i])
+    return alike
+
+
 @kernel(
     types.Tuple((types.int64, types.int64, types.float64))(
         types.int64, DriftJacobian, OutputJacobian, vector, vector, matrix, matrix, matrix, matrix,
@@ -243,7 +261,10 @@ def _filter(  # type: ignore[no-untyped-def]
     scheme, drift_jacobian, output_jacobian, p, dt, u, y, UQ, UR,
     m_pred, U_pred, m_filt, U_filt, F, G, H, innovation,
 ):  # fmt: skip
-    """Run the filter; the arrays from m_pred on are written. Returns (code, sample, log-likelihood)."""
+    """Run the filter; the arrays from m_pred on are written. Returns (code, sample, log-likelihood).
+
+    Where the steps are equal and the covariances have come to rest, only the means are computed, see ``rest``.
+    """
     N, n = m_pred.shape
     nv = UQ.shape[0]
     ny = UR.shape[0]
@@ -253,6 +274,8 @@ def _filter(  # type: ignore[no-untyped-def]
     e = np.empty(ny)
     W_pred = np.empty((n + nv, n))
     work = workspace(n, nv)
+    before = np.empty((n, n))
+    alike, rests = 0, False
     loglik = 0.0
     for k in range(N):
         output_jacobian(m_pred[k], u[k], p, y_hat, H[k])
@@ -260,7 +283,19 @@ def _filter(  # type: ignore[no-untyped-def]
             innovation[k, i] = y[k, i] - y_hat[i]
             if not math.isfinite(innovation[k, i]) and math.isfinite(y[k, i]):
                 return NOT_FINITE, k, math.nan
-        gain = update(m_pred[k], U_pred[k], H[k], innovation[k], UR, m_filt[k], U_filt[k], W, w, e)
+        equal = k > 0 and same(H[k], H[k - 1]) and _same_measured(innovation[k], innovation[k - 1])
+        rests = rests and equal
+        if rests:
+            # W still holds the triangularised joint of this y and x.
+            q = 0
+            for i in range(ny):
+                if not math.isnan(innovation[k, i]):
+                    e[q] = innovation[k, i]
+                    q += 1
+            gain = correct(W, q, m_pred[k], e, m_filt[k])
+            copy(U_filt[k - 1], U_filt[k])
+        else:
+            gain = update(m_pred[k], U_pred[k], H[k], innovation[k], UR, m_filt[k], U_filt[k], W, w, e)
         if not math.isfinite(gain):
             return SINGULAR_INNOVATION if math.isnan(gain) else NOT_FINITE, k, math.nan
         loglik += gain
@@ -269,5 +304,12 @@ def _filter(  # type: ignore[no-untyped-def]
                 return NOT_FINITE, k, math.nan
         if k < N - 1:
             transition(scheme, drift_jacobian, m_filt[k], u[k], dt[k], p, m_pred[k + 1], F[k], G[k], work)
-            predict(U_filt[k], F[k], G[k], UQ, U_pred[k + 1], W_pred, w)
+            equal = equal and same(F[k], F[k - 1]) and same(G[k], G[k - 1])
+            rests = rests and equal
+            if rests:
+                copy(U_pred[k], U_pred[k + 1])
+            else:
+                predict(U_filt[k], F[k], G[k], UQ, U_pred[k + 1], W_pred, w)
+                alike = alike + 1 if equal else 0
+                rests = at_rest(U_pred[k + 1], n + max(nv, ny), before, alike)
     return OK, N, loglik

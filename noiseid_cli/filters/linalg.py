@@ -10,12 +10,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import types
 from numpy.typing import NDArray
 
 from noiseid_cli.errors import EstimationError
-from noiseid_cli.models.jit import kernel, routine
-from noiseid_cli.models.signatures import matrix
+from noiseid_cli.models.jit import routine
 
 EPS = float(np.finfo(float).eps)
 
@@ -155,16 +153,14 @@ def left_solve(A, p, columns, X, w):  # type: ignore[no-untyped-def]
 
 
 @routine
-def absorb(total, rows, W, w):  # type: ignore[no-untyped-def]
-    """Triangularise [total; W[p:p + rows]] back into the upper factor ``total`` (p, p)."""
-    p = total.shape[0]
-    for r in range(p):
-        for c in range(p):
-            W[r, c] = total[r, c]
-    triangularise(W, p + rows, p, p, w)
-    for r in range(p):
-        for c in range(p):
-            total[r, c] = W[r, c]
+def add_products(W, rows, M):  # type: ignore[no-untyped-def]
+    """Add W'W of the first ``rows`` rows of W to the symmetric matrix M (p, p)."""
+    p = np.uint64(M.shape[0])
+    for r in range(np.uint64(rows)):
+        for i in range(p):
+            a = W[r, i]
+            for j in range(p):
+                M[i, j] += a * W[r, j]
 
 
 @routine
@@ -183,15 +179,6 @@ def backward_solve(U, q, x):  # type: ignore[no-untyped-def]
         for c in range(b + 1, q):
             x[b] -= U[b, c] * x[c]
         x[b] /= U[b, b]
-
-
-@kernel(types.void(matrix, matrix))
-def merge(total, other):  # type: ignore[no-untyped-def]
-    """Triangularise [total; other] back into the upper factor ``total`` (p, p)."""
-    p = total.shape[0]
-    W = np.empty((2 * p, p))
-    W[p:] = other
-    absorb(total, p, W, np.empty(p))
 
 
 def upper_factor(P: NDArray[np.float64], what: str) -> NDArray[np.float64]:

@@ -19,6 +19,7 @@ from numba import types
 
 from noiseid_cli.filters.ekf import Filtered, cube
 from noiseid_cli.filters.linalg import echelon, rows_of, triangularise, upper_factor
+from noiseid_cli.filters.rest import at_rest, copy, same
 from noiseid_cli.models.jit import kernel, routine
 from noiseid_cli.models.recording import Array
 from noiseid_cli.models.signatures import matrix
@@ -129,6 +130,8 @@ def backward_gain(U, F, G, UQ, gain, C, W, pivot_column, w):  # type: ignore[no-
 def _smooth(m_pred, m_filt, U_filt, F, G, UQ, m, U, gain, C):  # type: ignore[no-untyped-def]
     """Run the smoother; m, U, gain and C are written, m and U before the last sample.
 
+    Where the filter's steps are equal the gain is that of the later one, and so is U once it has come to rest.
+
     Returns the number of singular predictions, and whether C had rows enough for them.
     """
     N, n = m_filt.shape
@@ -137,9 +140,17 @@ def _smooth(m_pred, m_filt, U_filt, F, G, UQ, m, U, gain, C):  # type: ignore[no
     W = np.empty((max(n + nv, rows + n), 2 * n + nv))
     w = np.empty(2 * n + nv)
     pivot_column = np.empty(n, dtype=np.int64)
-    singular = 0
+    before = np.empty((n, n))
+    alike, rests = 0, False
+    rank, singular = n, 0
     for k in range(N - 2, -1, -1):
-        rank = backward_gain(U_filt[k], F[k], G[k], UQ, gain[k], C[k], W, pivot_column, w)
+        equal = k < N - 2 and same(F[k], F[k + 1]) and same(G[k], G[k + 1]) and same(U_filt[k], U_filt[k + 1])
+        rests = rests and equal
+        if equal:
+            copy(gain[k + 1], gain[k])
+            copy(C[k + 1], C[k])
+        else:
+            rank = backward_gain(U_filt[k], F[k], G[k], UQ, gain[k], C[k], W, pivot_column, w)
         if rank < n:
             singular += 1
             if rank + rows < n + nv:
@@ -149,6 +160,9 @@ def _smooth(m_pred, m_filt, U_filt, F, G, UQ, m, U, gain, C):  # type: ignore[no
             m[k, i] = m_filt[k, i]
             for j in range(n):
                 m[k, i] += gain[k, i, j] * (m[k + 1, j] - m_pred[k + 1, j])
+        if rests:
+            copy(U[k + 1], U[k])
+            continue
         for r in range(rows):
             for c in range(n):
                 W[r, c] = C[k, r, c]
@@ -157,4 +171,6 @@ def _smooth(m_pred, m_filt, U_filt, F, G, UQ, m, U, gain, C):  # type: ignore[no
         for r in range(n):
             for c in range(n):
                 U[k, r, c] = W[r, c]
+        alike = alike + 1 if equal else 0
+        rests = at_rest(U[k], rows + n, before, alike)
     return singular, True

@@ -64,76 +64,59 @@ def linear_model(
 
 
 @routine
-def _matrices(p, nx, nu, nv, ny):  # type: ignore[no-untyped-def]
-    """The views A, B, G, C, D into the parameter vector."""
-    a = nx * nx
-    b = a + nx * nu
-    g = b + nx * nv
-    c = g + ny * nx
-    return (
-        p[:a].reshape(nx, nx),
-        p[a:b].reshape(nx, nu),
-        p[b:g].reshape(nx, nv),
-        p[g:c].reshape(ny, nx),
-        p[c:].reshape(ny, nu),
-    )
+def _product(p, start, x, out):  # type: ignore[no-untyped-def]
+    """Add M x to ``out``, the rows of M standing in p from ``start`` on."""
+    rows, columns, start = np.uint64(out.size), np.uint64(x.size), np.uint64(start)
+    for i in range(rows):
+        total = out[i]
+        for j in range(columns):
+            total += p[start + i * columns + j] * x[j]
+        out[i] = total
 
 
 @routine
-def _sizes(p, nx, nu):  # type: ignore[no-untyped-def]
-    """What is left of p beyond A and B is nx nv + ny (nx + nu); the callers know one of nv and ny."""
-    return p.size - nx * nx - nx * nu
-
-
-@routine
-def _apply(M, x, out):  # type: ignore[no-untyped-def]
-    for i in range(M.shape[0]):
-        for j in range(M.shape[1]):
-            out[i] += M[i, j] * x[j]
+def _matrix(p, start, out):  # type: ignore[no-untyped-def]
+    """Write the matrix that stands in p from ``start`` on to ``out``."""
+    rows, columns, start = np.uint64(out.shape[0]), np.uint64(out.shape[1]), np.uint64(start)
+    for i in range(rows):
+        for j in range(columns):
+            out[i, j] = p[start + i * columns + j]
 
 
 @kernel(DRIFT)
 def _drift(x, u, v, p, dx):  # type: ignore[no-untyped-def]
-    nx, nu, nv = x.size, u.size, v.size
-    ny = (_sizes(p, nx, nu) - nx * nv) // (nx + nu)
-    A, B, G, _, _ = _matrices(p, nx, nu, nv, ny)
+    nx, nu = x.size, u.size
     dx[:] = 0.0
-    _apply(A, x, dx)
-    _apply(B, u, dx)
-    _apply(G, v, dx)
+    _product(p, 0, x, dx)
+    _product(p, nx * nx, u, dx)
+    _product(p, nx * (nx + nu), v, dx)
 
 
 @kernel(DRIFT_JACOBIAN)
 def _drift_jacobian(x, u, p, dx, F, Fv):  # type: ignore[no-untyped-def]
-    nx, nu, nv = x.size, u.size, Fv.shape[1]
-    ny = (_sizes(p, nx, nu) - nx * nv) // (nx + nu)
-    A, B, G, _, _ = _matrices(p, nx, nu, nv, ny)
+    nx, nu = x.size, u.size
     dx[:] = 0.0
-    _apply(A, x, dx)
-    _apply(B, u, dx)
-    F[:, :] = A
-    Fv[:, :] = G
+    _product(p, 0, x, dx)
+    _product(p, nx * nx, u, dx)
+    _matrix(p, 0, F)
+    _matrix(p, nx * (nx + nu), Fv)
 
 
 @kernel(OUTPUT)
 def _output(x, u, p, y):  # type: ignore[no-untyped-def]
     nx, nu, ny = x.size, u.size, y.size
-    nv = (_sizes(p, nx, nu) - ny * (nx + nu)) // nx
-    _, _, _, C, D = _matrices(p, nx, nu, nv, ny)
     y[:] = 0.0
-    _apply(C, x, y)
-    _apply(D, u, y)
+    _product(p, p.size - ny * (nx + nu), x, y)
+    _product(p, p.size - ny * nu, u, y)
 
 
 @kernel(OUTPUT_JACOBIAN)
 def _output_jacobian(x, u, p, y, H):  # type: ignore[no-untyped-def]
     nx, nu, ny = x.size, u.size, y.size
-    nv = (_sizes(p, nx, nu) - ny * (nx + nu)) // nx
-    _, _, _, C, D = _matrices(p, nx, nu, nv, ny)
     y[:] = 0.0
-    _apply(C, x, y)
-    _apply(D, u, y)
-    H[:, :] = C
+    _product(p, p.size - ny * (nx + nu), x, y)
+    _product(p, p.size - ny * nu, u, y)
+    _matrix(p, p.size - ny * (nx + nu), H)
 
 
 @kernel(PARTIAL)
