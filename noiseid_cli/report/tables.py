@@ -125,7 +125,7 @@ def plain(text: str) -> str:
     White space becomes a blank. Control and format characters (escape sequences, changes of direction) and
     lone surrogates, which no file can hold, become their visible code such as ``\x1b``.
     """
-    return "".join(_visible(c) for c in text)
+    return text if text.isprintable() else "".join(_visible(c) for c in text)
 
 
 def _visible(character: str) -> str:
