@@ -34,7 +34,6 @@ class CompiledModel:
         parameters: (np,) parameter values p, in the order of the model's declaration.
         scheme: discretisation, one of the constants in ``models.discretisation``.
         drift, drift_jacobian, output, output_jacobian: see ``models.signatures``.
-        drift_inputs, drift_parameters, output_inputs, output_parameters: see ``PARTIAL`` there.
         performance, performance_jacobian: like output and output_jacobian; None where the model has none.
         load_adjoints: gives the adjoints, which are compiled when they are first asked for; None where there are none.
     """
@@ -52,10 +51,6 @@ class CompiledModel:
     drift_jacobian: Callable[..., Any]
     output: Callable[..., Any]
     output_jacobian: Callable[..., Any]
-    drift_inputs: Callable[..., Any]
-    drift_parameters: Callable[..., Any]
-    output_inputs: Callable[..., Any]
-    output_parameters: Callable[..., Any]
     performance: Callable[..., Any] | None
     performance_jacobian: Callable[..., Any] | None
     load_adjoints: Callable[[], Adjoints] | None = None

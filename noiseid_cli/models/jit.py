@@ -19,8 +19,30 @@ Function = Callable[..., Any]
 
 
 def kernel(signature: Any) -> Callable[[Function], Function]:
-    """Compile an entry point for one signature; kept in the on-disk cache, runs without the interpreter lock."""
-    compiled: Callable[[Function], Function] = njit(signature, cache=True, nogil=True, error_model="numpy")
+    """Compile an entry point for one signature; kept in the on-disk cache, runs without the interpreter lock.
+
+    It is compiled, or read from the cache, when it is first called: a run pays for the kernels that it uses only.
+    """
+
+    def declare(function: Function) -> Function:
+        compiled: Any = njit(cache=True, nogil=True, error_model="numpy")(function)
+
+        def ready(*_: Any) -> Any:
+            compiled.compile(signature)
+            compiled.disable_compile()
+            vars(compiled).pop("_compile_for_args", None)  # another thread may have been here first
+            return compiled
+
+        # What numba's dispatcher asks for something to call where no version fits the arguments: there is none yet.
+        compiled._compile_for_args = ready
+        return compiled  # type: ignore[no-any-return]
+
+    return declare
+
+
+def equation(signature: Any) -> Callable[[Function], Function]:
+    """Compile a function of a model, at once: kernels take it as a value, for which it must be there."""
+    compiled: Callable[[Function], Function] = njit(signature, cache=True, error_model="numpy")
     return compiled
 
 

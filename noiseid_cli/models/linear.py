@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike
 from noiseid_cli.errors import ModelError
 from noiseid_cli.models.compiled import Adjoints, CompiledModel
 from noiseid_cli.models.discretisation import DISCRETE
-from noiseid_cli.models.jit import kernel, routine
+from noiseid_cli.models.jit import equation, routine
 from noiseid_cli.models.recording import Array
-from noiseid_cli.models.signatures import ADJOINT, DRIFT, DRIFT_JACOBIAN, OUTPUT, OUTPUT_JACOBIAN, PARTIAL
+from noiseid_cli.models.signatures import DRIFT, DRIFT_JACOBIAN, OUTPUT, OUTPUT_JACOBIAN
 
 
 def linear_model(
@@ -53,14 +53,17 @@ def linear_model(
         drift_jacobian=_drift_jacobian,
         output=_output,
         output_jacobian=_output_jacobian,
-        drift_inputs=_drift_inputs,
-        drift_parameters=_drift_parameters,
-        output_inputs=_output_inputs,
-        output_parameters=_output_parameters,
         performance=None,
         performance_jacobian=None,
-        load_adjoints=lambda: Adjoints(_drift_adjoint, _output_adjoint),
+        load_adjoints=_adjoints,
     )
+
+
+def _adjoints() -> Adjoints:
+    """Compiled, or read from the cache, for those methods only that ask for them."""
+    from noiseid_cli.models.linear_adjoint import drift_adjoint, output_adjoint
+
+    return Adjoints(drift_adjoint, output_adjoint)
 
 
 @routine
@@ -83,7 +86,7 @@ def _matrix(p, start, out):  # type: ignore[no-untyped-def]
             out[i, j] = p[start + i * columns + j]
 
 
-@kernel(DRIFT)
+@equation(DRIFT)
 def _drift(x, u, v, p, dx):  # type: ignore[no-untyped-def]
     nx, nu = x.size, u.size
     dx[:] = 0.0
@@ -92,7 +95,7 @@ def _drift(x, u, v, p, dx):  # type: ignore[no-untyped-def]
     _product(p, nx * (nx + nu), v, dx)
 
 
-@kernel(DRIFT_JACOBIAN)
+@equation(DRIFT_JACOBIAN)
 def _drift_jacobian(x, u, p, dx, F, Fv):  # type: ignore[no-untyped-def]
     nx, nu = x.size, u.size
     dx[:] = 0.0
@@ -102,7 +105,7 @@ def _drift_jacobian(x, u, p, dx, F, Fv):  # type: ignore[no-untyped-def]
     _matrix(p, nx * (nx + nu), Fv)
 
 
-@kernel(OUTPUT)
+@equation(OUTPUT)
 def _output(x, u, p, y):  # type: ignore[no-untyped-def]
     nx, nu, ny = x.size, u.size, y.size
     y[:] = 0.0
@@ -110,78 +113,10 @@ def _output(x, u, p, y):  # type: ignore[no-untyped-def]
     _product(p, p.size - ny * nu, u, y)
 
 
-@kernel(OUTPUT_JACOBIAN)
+@equation(OUTPUT_JACOBIAN)
 def _output_jacobian(x, u, p, y, H):  # type: ignore[no-untyped-def]
     nx, nu, ny = x.size, u.size, y.size
     y[:] = 0.0
     _product(p, p.size - ny * (nx + nu), x, y)
     _product(p, p.size - ny * nu, u, y)
     _matrix(p, p.size - ny * (nx + nu), H)
-
-
-@kernel(PARTIAL)
-def _drift_inputs(x, u, p, out):  # type: ignore[no-untyped-def]
-    nx, nu = x.size, u.size
-    out[:, :] = p[nx * nx : nx * nx + nx * nu].reshape(nx, nu)
-
-
-@kernel(PARTIAL)
-def _output_inputs(x, u, p, out):  # type: ignore[no-untyped-def]
-    ny, nu = out.shape
-    out[:, :] = p[p.size - ny * nu :].reshape(ny, nu)
-
-
-@kernel(PARTIAL)
-def _drift_parameters(x, u, p, out):  # type: ignore[no-untyped-def]
-    nx, nu = x.size, u.size
-    out[:, :] = 0.0
-    for i in range(nx):
-        for j in range(nx):
-            out[i, i * nx + j] = x[j]
-        for j in range(nu):
-            out[i, nx * nx + i * nu + j] = u[j]
-
-
-@kernel(PARTIAL)
-def _output_parameters(x, u, p, out):  # type: ignore[no-untyped-def]
-    nx, nu, ny = x.size, u.size, out.shape[0]
-    d = p.size - ny * nu
-    c = d - ny * nx
-    out[:, :] = 0.0
-    for i in range(ny):
-        for j in range(nx):
-            out[i, c + i * nx + j] = x[j]
-        for j in range(nu):
-            out[i, d + i * nu + j] = u[j]
-
-
-@kernel(ADJOINT)
-def _drift_adjoint(x, u, p, w, gx, gp):  # type: ignore[no-untyped-def]
-    nx, nu = x.size, u.size
-    nv = w.size // nx - 1 - nx
-    g = nx * (nx + nu)
-    gx[:] = 0.0
-    gp[:] = 0.0
-    for i in range(nx):
-        for j in range(nx):
-            gx[j] += w[i] * p[i * nx + j]
-            gp[i * nx + j] = w[i] * x[j] + w[nx + i * nx + j]
-        for j in range(nu):
-            gp[nx * nx + i * nu + j] = w[i] * u[j]
-    gp[g : g + nx * nv] = w[nx + nx * nx :]
-
-
-@kernel(ADJOINT)
-def _output_adjoint(x, u, p, w, gx, gp):  # type: ignore[no-untyped-def]
-    nx, nu = x.size, u.size
-    ny = w.size // (1 + nx)
-    d = p.size - ny * nu
-    c = d - ny * nx
-    gx[:] = 0.0
-    gp[:] = 0.0
-    for i in range(ny):
-        for j in range(nx):
-            gx[j] += w[i] * p[c + i * nx + j]
-            gp[c + i * nx + j] = w[i] * x[j] + w[ny + i * nx + j]
-        for j in range(nu):
-            gp[d + i * nu + j] = w[i] * u[j]

@@ -21,9 +21,6 @@ OUTPUT = types.void(vector, vector, vector, vector)
 # output_jacobian(x, u, p, y, H): h and H = dh/dx.
 OUTPUT_JACOBIAN = types.void(vector, vector, vector, vector, matrix)
 
-# drift_inputs(x, u, p, D): D = df/du at v = 0; drift_parameters: D = df/dp; likewise for the outputs.
-PARTIAL = types.void(vector, vector, vector, matrix)
-
 # adjoint(x, u, p, w, gx, gp): gx, gp = derivatives of w . z by x and p, where z are the results of drift_jacobian
 # (dx, A, B) or of output_jacobian (y, H) in one row, matrices row by row.
 ADJOINT = types.void(vector, vector, vector, vector, vector, vector)

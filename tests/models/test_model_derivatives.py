@@ -126,18 +126,6 @@ def test_output_jacobian_holds_value_and_slope(case, which):
     assert_close(np.array([H for _, H in got]), oracle.jacobian(expressions, points, "x"))
 
 
-@pytest.mark.parametrize("letter", ["u", "p"])
-@pytest.mark.parametrize("which", ["drift", "output"])
-def test_partials_by_inputs_and_parameters(case, which, letter):
-    _, compiled, oracle, points = case
-    quiet = points | {"v": np.zeros_like(points["v"])}
-    expressions = oracle.eq.dynamics if which == "drift" else oracle.eq.output
-    function = getattr(compiled, f"{which}_{'inputs' if letter == 'u' else 'parameters'}")
-    shape = (len(expressions), points[letter].shape[1])
-    got = [call(function, [points[c][k].copy() for c in "xup"], [shape])[0] for k in range(POINTS)]
-    assert_close(np.array(got), oracle.jacobian(expressions, quiet, letter))
-
-
 def test_friction_stays_finite_at_extreme_speeds():
     """1/cosh would give NaN slopes from |beta w| = 356 on; sech does not."""
     model = robot()
