@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import time
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Self
 
 from noiseid_cli.commands.console import complain, say, width
 from noiseid_cli.commands.pace import Pace
@@ -61,6 +61,11 @@ class PlainListener(QuietListener):
         already = f", {there if there < total else 'all'} there already" if there else ""
         self.line(f"{name}: {counted(total, 'unit')}{already}")
 
+    def compiling(self, unit: str, count: int, kernel: str) -> None:
+        """A unit waits for a kernel."""
+        if self._verbose:
+            self.line(f"  {unit}: compiling kernel {count}, {kernel}")
+
     def passed(self, unit: str, passes: int, loglik: float) -> None:
         """A unit passed over its data."""
         if self._verbose:
@@ -112,7 +117,7 @@ class LiveListener(PlainListener):
             LeftColumn(compact=True),
             console=console,
         )
-        self._at_work: dict[str, tuple[float, int, float]] = {}
+        self._at_work: dict[str, tuple[float, str, str]] = {}  # when it began, and the last that was heard of it
         self._live = Live(console=console, get_renderable=self._picture, transient=True, refresh_per_second=8)
 
     def __enter__(self) -> Self:
@@ -133,13 +138,21 @@ class LiveListener(PlainListener):
 
     def begin(self, unit: str) -> None:
         """A unit begins."""
-        self._at_work[unit] = time.monotonic(), 0, 0.0
+        self._at_work[unit] = time.monotonic(), "", ""
+
+    def compiling(self, unit: str, count: int, kernel: str) -> None:
+        """A unit waits for a kernel."""
+        super().compiling(unit, count, kernel)
+        self._note(unit, f"compiling kernel {count}", kernel)
 
     def passed(self, unit: str, passes: int, loglik: float) -> None:
         """A unit passed over its data."""
         super().passed(unit, passes, loglik)
+        self._note(unit, f"pass {passes}", f"log-likelihood {loglik:.2f}")
+
+    def _note(self, unit: str, what: str, more: str) -> None:
         if unit in self._at_work:
-            self._at_work[unit] = self._at_work[unit][0], passes, loglik
+            self._at_work[unit] = self._at_work[unit][0], what, more
 
     def end(self, token: Token) -> None:
         """A unit ended."""
@@ -170,9 +183,8 @@ class LiveListener(PlainListener):
         rows.add_column(no_wrap=True, overflow="ellipsis")
         for _ in range(3):
             rows.add_column(no_wrap=True, justify="right")
-        for unit, (began, passes, loglik) in list(self._at_work.items()):
-            done: tuple[Any, ...] = (f"pass {passes}", f"log-likelihood {loglik:.2f}") if passes else ("", "")
-            rows.add_row(f"  {unit}", *done, f"{time.monotonic() - began:.0f} s")
+        for unit, (began, *heard) in list(self._at_work.items()):
+            rows.add_row(f"  {unit}", *heard, f"{time.monotonic() - began:.0f} s")
         return Group(self._bar.get_renderable(), rows)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import platform
 import sys
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -18,22 +19,43 @@ SENTENCE = "Compiling numerical kernels: up to a minute, once on this machine."
 
 
 @contextmanager
-def kernels_announced(say: Callable[[str], None]) -> Iterator[None]:
-    """Say so if numba compiles one of our kernels meanwhile; it tells of each that its cache does not hold."""
+def kernels_announced(say: Callable[[str], None], compiling: Callable[[int, str], None]) -> Iterator[None]:
+    """Tell if numba compiles our kernels meanwhile; it tells of each that its cache does not hold.
+
+    Args:
+        say: gets a sentence before the first one, and one at the end: how many there were and how long it took.
+        compiling: gets the number and the name of each, such as ``3, ekf._filter``, before it is compiled.
+    """
     from numba.core import event
 
     class Compilation(event.Listener):
+        count, seconds = 0, 0.0
+
         def on_start(self, event: Any) -> None:
-            compiled = event.data["dispatcher"]
-            # Those without a cache are small parts of others; a model's equations are told of by ``models.compile``.
-            if compiled.stats.cache_path is not None and compiled.py_func.__module__.startswith("noiseid_cli."):
+            if not _is_kernel(event.data["dispatcher"]):
+                return
+            if not self.count:
                 say(SENTENCE)
+            self.count += 1
+            function = event.data["dispatcher"].py_func
+            compiling(self.count, f"{function.__module__.rpartition('.')[2]}.{function.__name__}")
+            self.began = time.monotonic()
 
         def on_end(self, event: Any) -> None:
-            pass
+            if _is_kernel(event.data["dispatcher"]):
+                self.seconds += time.monotonic() - self.began
 
-    with event.install_listener("numba:compile", Compilation()):
+    heard = Compilation()
+    with event.install_listener("numba:compile", heard):
         yield
+    if heard.count:
+        kernels = "1 kernel" if heard.count == 1 else f"{heard.count} kernels"
+        say(f"{kernels} compiled in {heard.seconds:.0f} s, and kept.")
+
+
+def _is_kernel(compiled: Any) -> bool:
+    """Not a small part of others, which has no cache, nor a model's equations, of which ``models.compile`` tells."""
+    return compiled.stats.cache_path is not None and compiled.py_func.__module__.startswith("noiseid_cli.")
 
 
 class Compiled:

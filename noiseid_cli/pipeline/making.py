@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -53,6 +54,9 @@ class Listener:
 
     def begin(self, unit: str) -> None:
         """A unit begins."""
+
+    def compiling(self, unit: str, count: int, kernel: str) -> None:
+        """A unit waits for a kernel that is compiled: the first, second, ... of those that it waited for."""
 
     def passed(self, unit: str, passes: int, loglik: float) -> None:
         """An estimation unit has passed over its data once more."""
@@ -105,7 +109,7 @@ def make(context: Context, unit: Unit, listener: Listener) -> Token:
     listener.begin(unit.name)
     began = time.perf_counter()
     try:
-        with kernels_announced(listener.say):
+        with kernels_announced(listener.say, partial(listener.compiling, unit.name)):
             if isinstance(unit, DatasetUnit):
                 message, status = _make_dataset(context, unit, listener), ""
             else:

@@ -92,6 +92,9 @@ class _Teller(Listener):
     def begin(self, unit: str) -> None:
         self._pipe.send(("begin", unit))
 
+    def compiling(self, unit: str, count: int, kernel: str) -> None:
+        self._pipe.send(("compiling", unit, count, kernel))
+
     def passed(self, unit: str, passes: int, loglik: float) -> None:
         self._pipe.send(("passed", unit, passes, loglik))
 

@@ -1,9 +1,10 @@
 """The stages as a user runs them: what is made, what is left alone, what is said where."""
 
 import json
+import subprocess
 
 import pytest
-from small_experiment import CONFIG, MEASURED, arrays_of, files_of, noiseid, write_experiment, write_recordings
+from small_experiment import COMMAND, CONFIG, MEASURED, arrays_of, files_of, noiseid, write_experiment, write_recordings
 
 from noiseid_cli.config.load import load_experiment
 from noiseid_cli.storage.atomic import _machine
@@ -249,3 +250,10 @@ def test_a_damaged_result_is_named_put_aside_and_made_anew(small):
     assert results(small) == [first, second]
     assert arrays_of(first) == before
     assert second.stat().st_mtime_ns == other
+
+
+def test_another_process_compiles_nothing(small):
+    assert noiseid("run").exit_code == 0
+    again = subprocess.run([*COMMAND, "run", "--force", "--verbose"], capture_output=True, text=True, check=True)
+    assert "pass 1, log-likelihood" in again.stderr  # it did the work, by kernels and equations that were there
+    assert "ompil" not in again.stderr

@@ -1,6 +1,7 @@
 """Units are run here or in worker processes; what goes wrong in one is told and stays there."""
 
 import importlib.util
+import re
 import sys
 import time
 from pathlib import Path
@@ -265,18 +266,22 @@ def test_compilation_is_announced_unless_the_cache_holds_it(tmp_path):
         spec = importlib.util.spec_from_file_location(name, file)
         module = importlib.util.module_from_spec(spec)
         sys.modules[name] = module
-        said = []
+        said, waited = [], []
         try:
             spec.loader.exec_module(module)
-            with kernels_announced(said.append):
+            with kernels_announced(said.append, lambda count, kernel: waited.append((count, kernel))):
                 assert module.twice(3) == 6
+                assert module.twice(3.5) == 7.0
         finally:
             del sys.modules[name]
-        return said
+        return said, waited
 
-    assert announced("noiseid_cli.fake_kernel", True) == [SENTENCE]
-    assert announced("fake_kernel", True) == []  # a model's own functions are announced elsewhere
-    assert announced("noiseid_cli.fake_kernel", False) == []  # compiled each time, and part of something else
+    said, waited = announced("noiseid_cli.fake_kernel", True)
+    assert said[0] == SENTENCE
+    assert re.fullmatch(r"2 kernels compiled in \d+ s, and kept\.", said[1])
+    assert waited == [(1, "fake_kernel.twice"), (2, "fake_kernel.twice")]
+    assert announced("fake_kernel", True) == ([], [])  # a model's own functions are announced elsewhere
+    assert announced("noiseid_cli.fake_kernel", False) == ([], [])  # compiled each time, and part of something else
 
 
 def test_counted_words():
