@@ -25,6 +25,7 @@ from noiseid_cli.filters.sigma_steps import (
     keep_observed,
     spread,
 )
+from noiseid_cli.models.arrays import copy, copy_matrix
 from noiseid_cli.models.discretisation import DENSITY, transition
 from noiseid_cli.models.handle import borrowed
 from noiseid_cli.models.jit import kernel, routine
@@ -40,19 +41,19 @@ def _predict(scheme, drift_jacobian, gain_varies, gain_jacobian, s, u, dt):  # t
         s.UQ[free[i], free[i]] = math.sqrt(s.theta[i])
     _draw(s)
     for i in range(2 * n + 1):
-        s.z[:n] = s.X[i]
+        copy(s.X[i], s.z)
         transition(scheme, drift_jacobian, s.z, u, dt, p, s.z_next, s.F, s.Gz, s.work)
-        s.X_next[i] = s.z_next[:n]
+        copy(s.z_next[:n], s.X_next[i])
         for j in range(unknowns):
             _push(s.F, s.dX[j, i], j - nq, s.dX_next[j, i])
         if i == 0:
-            s.G[:, :] = s.Gz[:n]
+            copy_matrix(s.Gz[:n], s.G)
             for j in range(unknowns):
                 _push(s.F, s.open_loop[j], j - nq, s.d)
-                s.open_loop[j] = s.d[:n]
+                copy(s.d[:n], s.open_loop[j])
     if gain_varies:
-        s.gain_z[:n] = s.x
-        s.gain_z[n : s.z.shape[0]] = s.z[n:]
+        copy(s.z, s.gain_z)
+        copy(s.x, s.gain_z)
         transition(scheme, gain_jacobian, s.gain_z, u, dt, p, s.gain_next, s.gain_F, s.gain_G, s.gain_work)
     for r in range(nv):
         for c in range(n):
@@ -141,7 +142,7 @@ def _correct(output_jacobian, s, u, y):  # type: ignore[no-untyped-def]
     eta, outer, cov0 = s.weights[0], s.weights[1], s.weights[2]
     _draw(s)
     for i in range(2 * n + 1):
-        s.z[:n] = s.X[i]
+        copy(s.X[i], s.z)
         output_jacobian(s.z, u, s.p, s.Y[i], s.H)
         for j in range(unknowns):
             for b in range(ny):
@@ -174,7 +175,8 @@ def _correct(output_jacobian, s, u, y):  # type: ignore[no-untyped-def]
             s.U, s.dU[j], s.dP[j], s.Y, s.y_hat, s.dY[j], s.dy[j], q, s.e, s.Uyy, s.K, eta, outer, cov0,
             s.U_new, s.dx[j], s.T, s.dK, s.A,
         )  # fmt: skip
-    s.x[:], s.U[:, :] = s.x_new, s.U_new
+    copy(s.x_new, s.x)
+    copy_matrix(s.U_new, s.U)
     return OK, gain, q
 
 
@@ -256,7 +258,7 @@ def run(handle, first, dt, u, y, stride, rows):  # type: ignore[no-untyped-def]
         code = _gate_and_adapt(window, s, q)
         if code != OK:
             return code, k, loglik
-        s.u_before[:] = u[k]
+        copy(u[k], s.u_before)
         if k % stride == 0:
             _write(s, rows[k // stride])
     return OK, y.shape[0], loglik

@@ -13,6 +13,7 @@ from numba import types
 from noiseid_cli.filters.ekf import cube
 from noiseid_cli.filters.linalg import add_products, rows_of, triangularise
 from noiseid_cli.filters.rest import same
+from noiseid_cli.models.arrays import copy_matrix
 from noiseid_cli.models.jit import kernel, routine
 from noiseid_cli.models.signatures import OutputJacobian, matrix, vector
 
@@ -123,7 +124,7 @@ def measurement(  # type: ignore[no-untyped-def]
     for k in range(N):
         H, H_before = both[k % 2], both[1 - k % 2]
         if linearisation == FILTERED:
-            H[:, :] = H_pred[k]
+            copy_matrix(H_pred[k], H)
             for i in range(ny):
                 y_hat[i] = y[k, i] - innovation[k, i]
                 for j in range(n):

@@ -18,6 +18,7 @@ from noiseid_cli.filters.ekf import NOT_FINITE, OK, SINGULAR_INNOVATION, FilterD
 from noiseid_cli.filters.linalg import echelon, triangularise, upper_factor
 from noiseid_cli.filters.sigma_points import SigmaWeights, draw
 from noiseid_cli.filters.sigma_rows import pair_centre, split
+from noiseid_cli.models.arrays import copy, copy_matrix
 from noiseid_cli.models.compiled import CompiledModel
 from noiseid_cli.models.discretisation import transition, workspace
 from noiseid_cli.models.jit import kernel, routine
@@ -115,13 +116,13 @@ def correct(m, U, D, innovation, UR, m_out, U_out, W, w, e):  # type: ignore[no-
     q = 0
     for i in range(ny):
         if not math.isnan(innovation[i]):
-            W[:ny, q] = UR[:, i]
-            W[ny : ny + 2 * n, q] = D[:, i]
+            copy(UR[:, i], W[:ny, q])
+            copy(D[:, i], W[ny:, q])
             e[q] = innovation[i]
             q += 1
     if q == 0:
-        m_out[:] = m
-        U_out[:, :] = U
+        copy(m, m_out)
+        copy_matrix(U, U_out)
         return 0.0
     for c in range(n):
         for r in range(ny + 2 * n):

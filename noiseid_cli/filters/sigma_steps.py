@@ -11,6 +11,7 @@ import math
 from noiseid_cli.filters.ekf import LOG_2PI, NOT_FINITE, OK, SINGULAR_INNOVATION
 from noiseid_cli.filters.factors import downdate, weighted_rank_one
 from noiseid_cli.filters.linalg import EPS, backward_solve, forward_solve, triangularise
+from noiseid_cli.models.arrays import copy, copy_matrix
 from noiseid_cli.models.jit import routine
 
 LEAST = math.sqrt(EPS)
@@ -95,8 +96,8 @@ def condition(x, U, Y, q, y_hat, e, UR, eta, outer, cov0, x_new, U_new, Uyy, Pxy
         (code, log-likelihood of e, whether the downdates failed).
     """
     n = x.shape[0]
-    x_new[:] = x
-    U_new[:, :] = U
+    copy(x, x_new)
+    copy_matrix(U, U_new)
     if q == 0:
         return OK, 0.0, False
     if not spread(Y, q, y_hat, outer, cov0, UR, W, w, d, Uyy):

@@ -11,6 +11,7 @@ from numba import types
 from noiseid_cli.filters.ekf import NOT_FINITE, OK, cube
 from noiseid_cli.filters.sigma_points import draw, weighted_mean
 from noiseid_cli.filters.sigma_steps import INDEFINITE_PREDICTION, condition, keep_observed, spread
+from noiseid_cli.models.arrays import copy, copy_matrix
 from noiseid_cli.models.compiled import CompiledModel
 from noiseid_cli.models.discretisation import DENSITY, EXACT, advance, transition, workspace
 from noiseid_cli.models.handle import borrowed, handle_type, new
@@ -132,7 +133,8 @@ def run(handle, first, dt, u, y, m_pred, U_pred, m_filt, U_filt, innovation):  #
             code = _predict(scheme, drift, drift_jacobian, s, s.u_before, dt[k])
             if code != OK:
                 return code, k, loglik
-        m_pred[k], U_pred[k] = s.x, s.U
+        copy(s.x, m_pred[k])
+        copy_matrix(s.U, U_pred[k])
         draw(s.x, s.U, weights[0], s.X)
         for i in range(2 * n + 1):
             output(s.X[i], u[k], s.p, s.Y[i])
@@ -150,13 +152,15 @@ def run(handle, first, dt, u, y, m_pred, U_pred, m_filt, U_filt, innovation):  #
         if code != OK:
             return code, k, loglik
         loglik += gain
-        s.x[:], s.U[:, :] = s.x_new, s.U_new
+        copy(s.x_new, s.x)
+        copy_matrix(s.U_new, s.U)
         for i in range(n):
             if s.x[i] < s.lower[i] or s.x[i] > s.upper[i]:
                 s.x[i] = min(max(s.x[i], s.lower[i]), s.upper[i])
                 s.counts[1 + i] += 1
             if not math.isfinite(s.x[i]) or not math.isfinite(s.U[i, i]):
                 return NOT_FINITE, k, loglik
-        m_filt[k], U_filt[k] = s.x, s.U
-        s.u_before[:] = u[k]
+        copy(s.x, m_filt[k])
+        copy_matrix(s.U, U_filt[k])
+        copy(u[k], s.u_before)
     return OK, y.shape[0], loglik

@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 
+from noiseid_cli.models.arrays import copy_matrix
 from noiseid_cli.models.exponential import held_exponential
 from noiseid_cli.models.jit import routine
 
@@ -76,7 +77,7 @@ def _exact(jacobian, x, u, dt, p, x_next, F, G, work):  # type: ignore[no-untype
         for j in range(n):
             known = known and A[i, j] == F[i, j]
     if not known:
-        A[:, :] = F
+        copy_matrix(F, A)
         held_exponential(A, dt, Phi, Psi, work[1 + 3 * nn + n + n * nv :])
         work[0] = dt
     for i in range(n):

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from noiseid_cli.models.arrays import copy_matrix
 from noiseid_cli.models.jit import routine
 
 # Terms of the series: at a norm of 1/2 the first one left out is 0.5^15 / 16! = 1e-18 of the sum.
@@ -40,7 +41,7 @@ def held_exponential(A, dt, Phi, Psi, work):  # type: ignore[no-untyped-def]
             Psi[i, j] = 1.0 if i == j else 0.0
     for k in range(_TERMS, 0, -1):
         _horner(B, Psi, k, T)
-        Psi[:, :] = T
+        copy_matrix(T, Psi)
     _product(B, Psi, Phi)
     for i in range(n):
         Phi[i, i] += 1.0
@@ -52,7 +53,7 @@ def held_exponential(A, dt, Phi, Psi, work):  # type: ignore[no-untyped-def]
             for j in range(n):
                 Psi[i, j] += T[i, j]
         _product(Phi, Phi, T)
-        Phi[:, :] = T
+        copy_matrix(T, Phi)
     for i in range(n):
         for j in range(n):
             Phi[i, j] *= d[i] / d[j]
@@ -111,7 +112,7 @@ def _balanced(A, B, d):  # type: ignore[no-untyped-def]
     Parlett & Reinsch, Numer. Math. 13, 1969; powers of two leave every digit as it is.
     """
     n = A.shape[0]
-    B[:, :] = A
+    copy_matrix(A, B)
     d[:] = 1.0
     moved = True
     rounds = 0
@@ -183,9 +184,9 @@ def held_exponential_adjoint(A, dt, Phi_bar, Psi_bar, A_bar):  # type: ignore[no
         _add_product_t(Psi_bar, Psi[s], T)
         _add_product_t(Phi_bar, Phi[s], T)
         _add_t_product(Phi[s], Phi_bar, T)
-        S[_TERMS + 1] = Psi_bar
+        copy_matrix(Psi_bar, S[_TERMS + 1])
         _add_t_product(Phi[s], S[_TERMS + 1], Psi_bar)
-        Phi_bar[:, :] = T
+        copy_matrix(T, Phi_bar)
     A_bar[:] = 0.0
     _add_product_t(Phi_bar, S[1], A_bar)
     for i in range(n):
@@ -200,7 +201,7 @@ def held_exponential_adjoint(A, dt, Phi_bar, Psi_bar, A_bar):  # type: ignore[no
         _add_product_t(Psi_bar, S[k + 1], A_bar)
         T[:] = 0.0
         _add_t_product(B, Psi_bar, T)
-        Psi_bar[:, :] = T
+        copy_matrix(T, Psi_bar)
     for i in range(n):
         for j in range(n):
             A_bar[i, j] *= h * d[j] / d[i]

@@ -5,6 +5,7 @@ The parameter vector holds A, B, G, C, D row by row, as ``models.linear`` lays i
 
 from __future__ import annotations
 
+from noiseid_cli.models.arrays import copy
 from noiseid_cli.models.jit import equation
 from noiseid_cli.models.signatures import ADJOINT
 
@@ -13,7 +14,6 @@ from noiseid_cli.models.signatures import ADJOINT
 def drift_adjoint(x, u, p, w, gx, gp):  # type: ignore[no-untyped-def]
     """Derivatives of w . (A x + B u, A, G); w (nx + nx nx + nx nv,)."""
     nx, nu = x.size, u.size
-    nv = w.size // nx - 1 - nx
     g = nx * (nx + nu)
     gx[:] = 0.0
     gp[:] = 0.0
@@ -23,7 +23,7 @@ def drift_adjoint(x, u, p, w, gx, gp):  # type: ignore[no-untyped-def]
             gp[i * nx + j] = w[i] * x[j] + w[nx + i * nx + j]
         for j in range(nu):
             gp[nx * nx + i * nu + j] = w[i] * u[j]
-    gp[g : g + nx * nv] = w[nx + nx * nx :]
+    copy(w[nx + nx * nx :], gp[g:])
 
 
 @equation(ADJOINT)

@@ -13,6 +13,7 @@ import numpy as np
 from numba import types
 
 from noiseid_cli.errors import ModelError
+from noiseid_cli.models.arrays import copy
 from noiseid_cli.models.compiled import CompiledModel
 from noiseid_cli.models.jit import kernel
 from noiseid_cli.models.recording import Array
@@ -118,11 +119,14 @@ def _balance(jacobian, p, qa, dqa, ddqa, qm):  # type: ignore[no-untyped-def]
     """
     x, dx, A, B, u = np.zeros(8), np.zeros(8), np.zeros((8, 8)), np.zeros((8, 4)), np.zeros(2)
     for k in range(len(qa)):
-        x[0:2], x[4:6], x[6:8] = qa[k], dqa[k], dqa[k]
+        copy(qa[k], x[0:2])
+        copy(dqa[k], x[4:6])
+        copy(dqa[k], x[6:8])
         if k > 0:
-            qm[k] = qa[k] + qm[k - 1] - qa[k - 1]
+            for i in range(2):
+                qm[k, i] = qa[k, i] + qm[k - 1, i] - qa[k - 1, i]
         for attempt in range(50):
-            x[2:4] = qm[k]
+            copy(qm[k], x[2:4])
             jacobian(x, u, p, dx, A, B)
             r1, r2 = ddqa[k, 0] - dx[4], ddqa[k, 1] - dx[5]
             a, b, c, d = A[4, 2], A[4, 3], A[5, 2], A[5, 3]
@@ -142,7 +146,10 @@ def _torques(jacobian, p, qa, qm, dqm, ddqm, u):  # type: ignore[no-untyped-def]
     """Torques u for given motor accelerations: dx[6:8] is affine in u with the diagonal gain of the motor noise."""
     x, dx, A, B, none = np.zeros(8), np.zeros(8), np.zeros((8, 8)), np.zeros((8, 4)), np.zeros(2)
     for k in range(len(qa)):
-        x[0:2], x[2:4], x[4:6], x[6:8] = qa[k], qm[k], dqm[k], dqm[k]
+        copy(qa[k], x[0:2])
+        copy(qm[k], x[2:4])
+        copy(dqm[k], x[4:6])
+        copy(dqm[k], x[6:8])
         jacobian(x, none, p, dx, A, B)
         for i in range(2):
             u[k, i] = (ddqm[k, i] - dx[6 + i]) / B[6 + i, 2 + i]

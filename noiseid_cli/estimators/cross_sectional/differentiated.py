@@ -17,6 +17,7 @@ import numpy as np
 from numba import types
 
 from noiseid_cli.estimators.cross_sectional.products import add, add_t, cholesky, t_add, unwhiten, whiten
+from noiseid_cli.models.arrays import copy_cube, copy_matrix
 from noiseid_cli.models.jit import kernel, routine
 from noiseid_cli.models.signatures import matrix
 
@@ -49,17 +50,19 @@ def update(P, dP, X, dX, C, dC, R, dR, G, dG, dS, K, L, scratch):  # type: ignor
     """
     ny, nx = C.shape
     before, F, W, CP, V, Kt, dCP, dCPf, S, dSi, CPdC, KdR = scratch
-    before[:], S[:], CP[:] = P, R, 0.0
+    copy_matrix(P, before)
+    copy_matrix(R, S)
+    CP[:] = 0.0
     add(1.0, C, P, CP)
     add_t(1.0, CP, C, S)
     logdet = cholesky(S, L)
     if math.isnan(logdet):
         return logdet
-    V[:] = CP
+    copy_matrix(CP, V)
     whiten(L, V)
-    Kt[:] = V
+    copy_matrix(V, Kt)
     unwhiten(L, Kt)
-    K[:, :] = Kt.T
+    copy_matrix(Kt.T, K)
     F[:] = 0.0
     for r in range(nx):
         F[r, r] = 1.0
@@ -94,7 +97,7 @@ def update(P, dP, X, dX, C, dC, R, dR, G, dG, dS, K, L, scratch):  # type: ignor
         add(1.0, K, dG[i], dX[i])
         whiten(L, dG[i])
         whiten(L, dSi)
-        dS[i] = dSi.T
+        copy_matrix(dSi.T, dS[i])
         whiten(L, dS[i])
     add(1.0, K, G, X)
     whiten(L, G)
@@ -148,24 +151,24 @@ def predict(A, B, Q, dA, dB, dQ, u, P, dP, X, dX, Z, Y, W, V, X_new, Z_new):  # 
                     dP[i, r, c] += W[r, c] + W[c, r] + dQ[i, r, c]
             add(1.0, dA[i], X, X_new)
             see(1.0, dB[i], u, X_new)
-        dX[i] = X_new
-    P[:, :] = Q
+        copy_matrix(X_new, dX[i])
+    copy_matrix(Q, P)
     add_t(1.0, V, A, P)
     X_new[:] = 0.0
     add(1.0, A, X, X_new)
     see(1.0, B, u, X_new)
-    X[:] = X_new
+    copy_matrix(X_new, X)
     if Z.shape[1] > 0:
         for i in range(na):
             Z_new[:] = 0.0
             add(1.0, dA[i], Z, Z_new)
             add(1.0, A, Y[i], Z_new)
             see(1.0, dB[i], u, Z_new)
-            Y[i] = Z_new
+            copy_matrix(Z_new, Y[i])
         Z_new[:] = 0.0
         add(1.0, A, Z, Z_new)
         see(1.0, B, u, Z_new)
-        Z[:] = Z_new
+        copy_matrix(Z_new, Z)
 
 
 @routine
@@ -229,7 +232,10 @@ def differentiated_filter(  # type: ignore[no-untyped-def]
     total = 0.0
     for k in range(N):
         c, d, r = min(k, C.shape[0] - 1), min(k, D.shape[0] - 1), min(k, R.shape[0] - 1)
-        Ck[:], dCk[:], Rk[:], dRk[:] = C[c], dC[:, c], R[r], dR[:, r]
+        copy_matrix(C[c], Ck)
+        copy_cube(dC[:, c], dCk)
+        copy_matrix(R[r], Rk)
+        copy_cube(dR[:, r], dRk)
         mask(y[k], Ck, dCk, Rk, dRk)
         innovate(y[k], u[k], Ck, D[d], dCk, dD[:, d], X, dX, Z, Y, Gk, dGk, gk)
         logdet = update(P, dP, X, dX, Ck, dCk, Rk, dRk, Gk, dGk, dSk, K, L, scratch)
@@ -239,10 +245,10 @@ def differentiated_filter(  # type: ignore[no-untyped-def]
         for i in range(na):
             add(-1.0, K, gk[i], Y[i])
             whiten(L, gk[i])
-        G[k] = Gk
-        dG[:, k] = dGk
-        dS[:, k] = dSk
-        g[:, k] = gk
+        copy_matrix(Gk, G[k])
+        copy_cube(dGk, dG[:, k])
+        copy_cube(dSk, dS[:, k])
+        copy_cube(gk, g[:, k])
         if k < N - 1:
             a, b, q = min(k, A.shape[0] - 1), min(k, B.shape[0] - 1), min(k, Q.shape[0] - 1)
             predict(A[a], B[b], Q[q], dA[:, a], dB[:, b], dQ[:, q], u[k], P, dP, X, dX, Z, Y,

@@ -17,6 +17,7 @@ from numba import types
 from noiseid_cli.estimators.cross_sectional.differentiated import cube, tesseract, update, update_scratch
 from noiseid_cli.estimators.cross_sectional.ignorant import Whitened
 from noiseid_cli.estimators.cross_sectional.products import add
+from noiseid_cli.models.arrays import copy_cube, copy_matrix
 from noiseid_cli.models.jit import kernel
 from noiseid_cli.models.recording import Array
 from noiseid_cli.models.signatures import matrix
@@ -116,16 +117,18 @@ def _restore(G, dG, dS, M, dM, b, db, nu, dnu, dB):  # type: ignore[no-untyped-d
     scratch = update_scratch(nb, ny)
     total = 0.0
     for k in range(N):
-        T[:], dT[:], dR[:] = G[k, :, tests:], dG[:, k, :, tests:], dS[:, k]
-        nu[k] = G[k, :, :tests]
+        copy_matrix(G[k, :, tests:], T)
+        copy_cube(dG[:, k, :, tests:], dT)
+        copy_cube(dS[:, k], dR)
+        copy_matrix(G[k, :, :tests], nu[k])
         add(-1.0, T, b, nu[k])
         dnuk[:] = 0.0
         for i in range(p):
             if i < na:
-                dnuk[i] = dG[i, k, :, :tests]
+                copy_matrix(dG[i, k, :, :tests], dnuk[i])
                 add(-1.0, dT[i], b, dnuk[i])
             add(-1.0, T, db[i], dnuk[i])
         total += update(M, dM, b, db, T, dT, unit, dR, nu[k], dnuk, dBk, K, L, scratch)
-        dnu[:, k] = dnuk
-        dB[:, k] = dBk
+        copy_cube(dnuk, dnu[:, k])
+        copy_cube(dBk, dB[:, k])
     return total
