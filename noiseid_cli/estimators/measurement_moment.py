@@ -13,7 +13,7 @@ from numba import types
 from noiseid_cli.filters.ekf import cube
 from noiseid_cli.filters.linalg import add_products, rows_of, triangularise
 from noiseid_cli.filters.rest import same
-from noiseid_cli.models.arrays import copy_matrix
+from noiseid_cli.models.arrays import copy, copy_matrix
 from noiseid_cli.models.jit import kernel, routine
 from noiseid_cli.models.signatures import OutputJacobian, matrix, vector
 
@@ -149,6 +149,6 @@ def measurement(  # type: ignore[no-untyped-def]
             for i in range(ny):
                 if not seen[i]:
                     E[:n, i] = 0.0
-            E[n] = residual[0]
+            copy(residual[0], E[n])
             add_sample(E, n + 1, seen, UR, block_of, block, sum_e, samples, W, w)
         known = count == ny
