@@ -47,9 +47,10 @@ test: $(READY) ## Run the tests
 test-browser: $(READY) ## Open the report in headless Chromium, where there is one
 	$(BIN)/python -m pytest -m browser tests/browser
 
-fuzz: $(READY) ## Damaged files and mutated experiments, many (FUZZ experiments, FUZZ_FILES files)
+fuzz: $(READY) ## Mutated experiments, models, logs and files, many (FUZZ, FUZZ_FILES); every call to the disk fails
 	FUZZ=$(FUZZ) FUZZ_FILES=$(FUZZ_FILES) $(BIN)/python -m pytest -q tests/config/test_config_fuzz.py \
-		tests/storage/test_file_fuzz.py
+		tests/config/test_model_fuzz.py tests/recordings/test_recording_fuzz.py tests/storage/test_file_fuzz.py \
+		tests/commands/test_failing_disk.py
 
 lint: $(READY) ## Check style, types and the import floors
 	$(BIN)/ruff check .

@@ -93,10 +93,11 @@ def _normalise(label: str, test: int, nu: Array, S: Array) -> tuple[Array, Array
 
 
 def _not_positive(label: str, test: int, sample: int, S: Array) -> EstimationError:
+    shown = " ".join(np.array2string(S[sample], precision=3).split())  # in one line
     return EstimationError(
         f"The filter at the {label} values has an innovation covariance that is not positive definite: test "
-        f"{test + 1}, sample {sample + 1}, S = {np.array2string(S[sample], precision=3)}. The filter has "
-        "diverged or R is singular: look at R, and at the start values."
+        f"{test + 1}, sample {sample + 1}, S = {shown}. The filter has diverged or R is singular: look at R, and at "
+        "the start values."
     )
 
 

@@ -43,10 +43,10 @@ class Misfit:
             return 0.0
         weight = self.counts / self.counts.sum()
         mean = float(weight @ self.nis)
-        if not mean > 0:
+        if not 0 < mean < np.inf:
             return 0.0
-        chance = float(weight @ (2.0 * mean**2 / self.counts))
-        return float(np.sqrt(max(weight @ (self.nis - mean) ** 2 - chance, 0.0)) / mean)
+        chance = float(weight @ (2.0 / self.counts))
+        return float(np.sqrt(max(weight @ (self.nis / mean - 1.0) ** 2 - chance, 0.0)))
 
     def worst(self) -> tuple[float, float, float]:
         """Borders of the range with the greatest NIS, and that NIS."""

@@ -49,7 +49,8 @@ def false_end(
             continue
         raised = noise
         for _ in range(STEPS):
-            raised = replace(raised, **{field: getattr(raised, field) * STEP})
+            with np.errstate(over="ignore"):  # where no size moves the likelihood, it goes up to the end of all numbers
+                raised = replace(raised, **{field: getattr(raised, field) * STEP})
             if not np.all(np.isfinite(getattr(raised, field))):
                 break
             try:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import keyword
-import math
+import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -190,5 +190,7 @@ def _check_unique(where: str, model: Any) -> None:
 
 def check_number(what: str, value: Any) -> None:
     """Raise ModelError unless a value is a finite number."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    # A whole number may have more digits than any float.
+    if not number or not abs(value) <= sys.float_info.max:
         raise ModelError(f"{what} is {value!r}; it must be a finite number.")

@@ -20,6 +20,7 @@ from noiseid_cli.models.declarations import (
     symbol,
     unknown_name,
 )
+from noiseid_cli.models.formula import obstacle
 from noiseid_cli.models.linearity import nonlinearity
 from noiseid_cli.models.recording import Array
 
@@ -244,7 +245,7 @@ class Model:
     def _call(self, method: str, *vectors: Any) -> Any:
         try:
             return getattr(self, method)(*vectors)
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             place = traceback.extract_tb(error.__traceback__)[1:]
             lines = [f.lineno for f in place if f.name == method]
             line = f", line {lines[-1]}" if lines else ""
@@ -258,7 +259,7 @@ class Model:
     ) -> tuple[Any, ...]:
         values = self._call(method, *vectors)
         if isinstance(values, str) or not hasattr(values, "__len__") or not hasattr(values, "__iter__"):
-            raise ModelError(f"{type(self).__name__}.{method} must return a list of formulas, not {values!r}.")
+            raise ModelError(f"{type(self).__name__}.{method} must return a list of formulas, not {_shown(values)}.")
         if len(values) != len(names):
             raise ModelError(
                 f"{type(self).__name__}.{method} returns {len(values)} expressions for {len(names)} names: "
@@ -274,11 +275,13 @@ class Model:
         try:
             expression = sp.sympify(value, strict=True)
         except sp.SympifyError:
-            raise ModelError(f"{where} is {value!r}, which is not a sympy expression.") from None
+            raise ModelError(f"{where} is {_shown(value)}, which is not a sympy expression.") from None
         if not isinstance(expression, sp.Expr):
-            raise ModelError(f"{where} is {value!r}, which is not a single number or formula.")
+            raise ModelError(f"{where} is {_shown(value)}, which is not a single number or formula.")
         if expression.has(sp.nan, sp.zoo, sp.oo, -sp.oo, sp.I):
             raise ModelError(f"{where} is {expression}, not a finite real number: is there a division by 0?")
+        if cannot := obstacle(expression):
+            raise ModelError(f"{where} holds {cannot}.")
         strangers = sorted(str(s) for s in expression.free_symbols - known)
         if strangers:
             raise ModelError(
@@ -309,3 +312,8 @@ class Model:
             raise ModelError(
                 f"{type(self).__name__}.dynamics: the noise {', '.join(idle)} drives no state; use it or leave it out."
             )
+
+
+def _shown(value: object) -> str:
+    """What stands in the place of a formula, in one line: a matrix takes several."""
+    return " ".join(repr(value).split())[:200]

@@ -79,13 +79,30 @@ def load_model_file(path: Path | str, class_name: str, parameters: Mapping[str, 
         if isinstance(item, type) and issubclass(item, Model) and item.__module__ == module.__name__
     }
     if class_name in found:
-        return found[class_name](parameters)
+        return _made(path, found[class_name], parameters)
     if hasattr(module, class_name):
         raise ModelError(
             f"{path}: {class_name} is not a model; write class {class_name}(Model), with Model from noiseid_cli.models."
         )
     listed = f"it defines {', '.join(found)}" if found else "it defines none (write class MyRobot(Model))"
     raise ModelError(f"{path}: there is no model class {class_name}; {listed}.")
+
+
+def _made(path: Path, model_class: type[Model], parameters: Mapping[str, float] | None) -> Model:
+    """A model of a user's class, which may have an ``__init__`` or properties of its own."""
+    try:
+        return model_class(parameters)
+    except ModelError:
+        raise
+    except (Exception, SystemExit) as error:
+        line = _line(path, error)
+        raise ModelError(f"{path}:{line}: {model_class.__name__}: {type(error).__name__}: {error}") from error
+
+
+def _line(path: Path, error: BaseException) -> int:
+    """The last line of a file that an error went through."""
+    lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)]
+    return (lines[-1] or 1) if lines else 1
 
 
 def _run(path: Path) -> ModuleType:
@@ -100,8 +117,7 @@ def _run(path: Path) -> ModuleType:
         spec.loader.exec_module(module)
     except (Exception, SystemExit) as error:
         del sys.modules[name]
-        frames = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)]
-        line = error.lineno if isinstance(error, SyntaxError) else (frames[-1] if frames else 1)
+        line = error.lineno if isinstance(error, SyntaxError) else _line(path, error)
         text = error.msg if isinstance(error, SyntaxError) else error
         raise ModelError(f"{path}:{line}: {type(error).__name__}: {text}") from error
     return module

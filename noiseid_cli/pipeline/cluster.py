@@ -26,13 +26,17 @@ from noiseid_cli.pipeline.unit import DatasetUnit
 from noiseid_cli.pipeline.workers import TRIES, Recipe, WorkerError, recipe_of
 
 if TYPE_CHECKING:
-    from distributed import Client, Future
+    from distributed import Client, Future, LocalCluster
 
 LOCAL = "local"
 _LOOPBACK = ("127.0.0.1", "localhost", "::1")
 _PATIENCE = 10.0  # s until a scheduler that does not answer counts as not there
 _LOST = (
     "the connection to the dask scheduler was lost; what is finished is kept, and the same command goes on from there"
+)
+_STILLBORN = (
+    "the workers of --dask local died {} times while they started (killed for want of memory?): run the same command "
+    "again, with fewer --jobs if memory is short"
 )
 _KILLED = "its worker died {} times (killed for want of memory?): run the same command again, on larger workers"
 
@@ -112,7 +116,7 @@ def _connect(address: str, workers: int, stack: ExitStack, listener: Listener) -
     check_address(address)
     try:
         import dask
-        from distributed import Client, LocalCluster
+        from distributed import Client
     except ImportError as error:
         raise DataError("--dask needs dask.distributed: pip install 'noiseid[cluster]'") from error
     _hush()
@@ -123,16 +127,7 @@ def _connect(address: str, workers: int, stack: ExitStack, listener: Listener) -
                 {"distributed.scheduler.allowed-failures": TRIES - 1, "distributed.scheduler.worker-saturation": 1.0}
             )
         )
-        # On this machine only: the page of its state too.
-        target = stack.enter_context(
-            LocalCluster(
-                n_workers=workers,
-                threads_per_worker=1,
-                host=_LOOPBACK[0],
-                dashboard_address="127.0.0.1:0",
-                silence_logs=50,
-            )
-        )
+        target = stack.enter_context(_cluster_here(workers))
     elif urlsplit(address).scheme == "tcp" and urlsplit(address).hostname not in _LOOPBACK:
         listener.say(
             "dask's tcp:// is neither encrypted nor authenticated: anybody who reaches the scheduler can run code "
@@ -149,6 +144,20 @@ def _connect(address: str, workers: int, stack: ExitStack, listener: Listener) -
     if not _threads(client):
         listener.say(f"Waiting for workers of the dask scheduler at {address}.")
     return client
+
+
+def _cluster_here(workers: int) -> LocalCluster:
+    """A scheduler and workers on this machine only: the page of their state too."""
+    from distributed import LocalCluster
+
+    place = {"host": _LOOPBACK[0], "dashboard_address": f"{_LOOPBACK[0]}:0"}
+    for attempt in range(1, TRIES + 1):
+        try:
+            return LocalCluster(n_workers=workers, threads_per_worker=1, silence_logs=50, **place)
+        except RuntimeError as error:  # a worker died before it was at work
+            if attempt == TRIES:
+                raise MachineError(_STILLBORN.format(TRIES)) from error
+    raise AssertionError
 
 
 def _threads(client: Client) -> dict[str, int]:

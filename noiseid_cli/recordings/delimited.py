@@ -6,6 +6,7 @@ import csv
 import io
 import math
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from itertools import chain, islice
 from pathlib import Path
 
@@ -94,7 +95,8 @@ def _split(line: str, delimiter: str) -> list[str]:
     if delimiter == " ":
         return line.split()
     if '"' in line:
-        return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))
+        with suppress(csv.Error):  # a quotation mark that is never closed, and more behind it than a field may hold
+            return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))
     return line.rstrip("\n").split(delimiter)
 
 

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
+import numpy as np
+
 from noiseid_cli.report.tables import plain
 
 if TYPE_CHECKING:
@@ -38,6 +40,9 @@ LINE_STYLES: tuple[LineStyle, ...] = ("-", (0, (5, 2)), (0, (5, 2, 1, 2)), (0, (
 
 WIDTH = 7.2
 """Width of a figure, inch."""
+
+FARTHEST = 1e100
+"""A logarithmic axis shows what lies between this and one over it."""
 
 LONGEST = 40
 """Characters of a name in a figure."""
@@ -149,6 +154,8 @@ def log_axis(axis: Axes, which: Literal["x", "y"]) -> None:
     """A logarithmic axis with plain numbers, and enough of them where it spans less than two decades."""
     from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
+    if not _leave_out_extremes(axis, which):
+        return
     (axis.set_xscale if which == "x" else axis.set_yscale)("log")
     low, high = axis.get_xlim() if which == "x" else axis.get_ylim()
     side = axis.xaxis if which == "x" else axis.yaxis
@@ -158,6 +165,24 @@ def log_axis(axis: Axes, which: Literal["x", "y"]) -> None:
         side.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 100 * low else (1.0,)))
     side.set_major_formatter(FuncFormatter(_plain_tick))
     side.set_minor_formatter(NullFormatter())
+
+
+def _leave_out_extremes(axis: Axes, which: Literal["x", "y"]) -> bool:
+    """Take away points that matplotlib's own arithmetic cannot put on a logarithmic axis; False if none is left."""
+    found = left = False
+    for line in axis.lines:
+        values = np.asarray(line.get_xdata() if which == "x" else line.get_ydata(), dtype=float)
+        with np.errstate(invalid="ignore"):
+            far = (np.abs(values) > FARTHEST) | (np.abs(values) < 1 / FARTHEST)
+        if far.any():
+            found = True
+            values = np.where(far, np.nan, values)
+            (line.set_xdata if which == "x" else line.set_ydata)(values)
+        left |= bool(np.isfinite(values).any())
+    if found:
+        axis.relim()
+        axis.autoscale_view()
+    return left or not found
 
 
 def _plain_tick(value: float, _: int) -> str:

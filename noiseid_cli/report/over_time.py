@@ -46,8 +46,8 @@ class Track:
 
 
 def series(result: UnitResult, name: str) -> Series | None:
-    """Curves of a unit by name, where it has them."""
-    return next((s for s in result.estimate.series if s.name == name), None)
+    """Curves of a unit by name, where it has them; one that diverged at the first sample has none."""
+    return next((s for s in result.estimate.series if s.name == name and len(s.at)), None)
 
 
 def online(study: Study) -> list[UnitResult]:

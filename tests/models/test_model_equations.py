@@ -120,7 +120,7 @@ def terms(**definitions):
         (dynamics(lambda x, u, v, p: [x.w, sp.sin(v.push)]), "noise push enters the equation of w nonlinearly"),
         (dynamics(lambda x, u, v, p: [x.w, x.s]), "the noise push drives no state"),
         (dynamics(lambda x, u, v, p: [x.w, sp.sign(x.w) + v.push]), "have no slope at their jump"),
-        (dynamics(lambda x, u, v, p: [x.w, sp.besselj(0, x.w) + v.push]), "function besselj cannot be compiled"),
+        (dynamics(lambda x, u, v, p: [x.w, sp.besselj(0, x.w) + v.push]), "holds besselj, which cannot be compiled"),
         (output(lambda x, u, p: [x.s, x.w]), "output returns 2 expressions for 1 names: s"),
         (output(lambda x, u, p: [sp.Symbol("push", real=True)]), "not allowed there: push"),
         ({"performances": (Quantity("z"),)}, "performance returns 0 expressions for 1 names: z"),
