@@ -1,14 +1,18 @@
-"""What a unit costs beside its own work, what a worker process costs, and what two processes gain.
+"""What a unit costs beside its own work, what a worker process costs, and what two processes gain: one table.
 
-python benchmarks/reliability/overhead.py
+    python benchmarks/reliability/overhead.py
+
+On a machine that is busy the figures say little: its load stands in the table.
 """
 
 from __future__ import annotations
 
+import os
 import statistics
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -17,10 +21,13 @@ sys.path.insert(0, str(Path(__file__).parent))
 from sweep_of_500 import warm_up, write_config
 
 from noiseid_cli.pipeline import datasets, making
-from noiseid_cli.pipeline.context import open_experiment
+from noiseid_cli.pipeline.context import Context, open_experiment
 from noiseid_cli.pipeline.engine import run_units
-from noiseid_cli.pipeline.units import dataset_units
+from noiseid_cli.pipeline.units import dataset_units, estimate_units
 from noiseid_cli.storage.dataset_file import write_dataset
+
+SWEEP = ["simulate.samples=50000", "simulate.replicates=3"]  # 24 estimates
+TIMES = 3  # each figure is the median of so many
 
 
 class Silent:
@@ -30,22 +37,25 @@ class Silent:
         return lambda *_: None
 
 
-def seconds(context, jobs: int, time_limit: float | None = None) -> float:  # type: ignore[no-untyped-def]
-    """Wall-clock time to make every dataset anew."""
+def seconds(context: Context, stage: str, jobs: int, time_limit: float | None = None) -> float:
+    """Wall-clock time to make every unit of a stage anew."""
+    units: Sequence[making.Unit] = dataset_units(context) if stage == "simulate" else estimate_units(context)
     began = time.perf_counter()
-    tokens = run_units(context, "simulate", dataset_units(context), Silent(), jobs, force=True, time_limit=time_limit)
+    tokens = run_units(context, stage, units, Silent(), jobs, force=True, time_limit=time_limit)
     assert all(token.state == "made" for token in tokens)
     return time.perf_counter() - began
 
 
-def main(folder: Path) -> None:
-    """Measure, and print."""
-    warm_up()
-    file = write_config(folder)
-    context = open_experiment(file, folder)
+def median(*arguments, **named) -> float:  # type: ignore[no-untyped-def]
+    """The median of a few times."""
+    return statistics.median(seconds(*arguments, **named) for _ in range(TIMES))
+
+
+def unit_costs(context: Context) -> tuple[float, float]:
+    """Seconds for a unit that only writes its file, and for one that simulates 60 samples."""
     units = dataset_units(context)
-    seconds(context, 1)  # everything is compiled and loaded now
-    with_work = statistics.median(seconds(context, 1) for _ in range(3))
+    seconds(context, "simulate", 1)  # everything is compiled and loaded now
+    with_work = median(context, "simulate", 1)
     real, dataset = datasets.make_dataset, datasets._simulate(context.at(units[0].point_index), units[0])
 
     def empty(_: object, unit: making.Unit) -> object:
@@ -53,17 +63,36 @@ def main(folder: Path) -> None:
         return SimpleNamespace(recordings=())
 
     datasets.make_dataset = empty  # type: ignore[assignment]
-    bare = statistics.median(seconds(context, 1) for _ in range(3))
+    bare = median(context, "simulate", 1)
     datasets.make_dataset = real
-    print(f"{len(units)} units that only write their file: {1e3 * bare / len(units):.2f} ms each")
-    print(f"{len(units)} units of a simulation of 60 samples: {1e3 * with_work / len(units):.2f} ms each")
+    return bare / len(units), with_work / len(units)
+
+
+def main(folder: Path) -> None:
+    """Measure, and print."""
+    load = os.getloadavg()[0]
+    warm_up()
+    file = write_config(folder)
+    bare, with_work = unit_costs(open_experiment(file, folder))
     one = open_experiment(file, folder, ["simulate.replicates=1", "sweep.axes.gain.values=[0.9]"])
-    here, apart = (statistics.median(seconds(one, 1, limit) for _ in range(3)) for limit in (None, 600.0))
-    print(f"a worker process for one unit costs {apart - here:.2f} s")
-    long = ["simulate.samples=20000", "sweep.axes.gain.values=[0.9]", "simulate.replicates=20"]
-    context = open_experiment(file, folder, long)
-    alone, two = (statistics.median(seconds(context, jobs) for _ in range(3)) for jobs in (1, 2))
-    print(f"20 units of 20000 samples: {alone:.1f} s with --jobs 1, {two:.1f} s with --jobs 2: {alone / two:.2f} times")
+    here, apart = (median(one, "simulate", 1, time_limit=limit) for limit in (None, 600.0))
+    sweep = open_experiment(file, folder, SWEEP)
+    count = len(estimate_units(sweep))
+    seconds(sweep, "simulate", 1)
+    seconds(sweep, "estimate", 1)  # compiled and loaded
+    alone, two = (median(sweep, "estimate", jobs) for jobs in (1, 2))
+    rows = [
+        (f"load before, on {os.cpu_count()} cores", f"{load:.1f}"),
+        ("unit that only writes its file", f"{1e3 * bare:.1f} ms"),
+        ("unit that simulates 60 samples", f"{1e3 * with_work:.1f} ms"),
+        ("worker process for one unit", f"{apart - here:.2f} s"),
+        (f"{count} estimates of {alone / count:.2f} s, --jobs 1", f"{alone:.1f} s"),
+        (f"{count} estimates, --jobs 2", f"{two:.1f} s"),
+        ("speed-up of --jobs 2", f"{alone / two:.2f} times"),
+    ]
+    width = max(len(what) for what, _ in rows)
+    for what, figure in rows:
+        print(f"{what:<{width}}  {figure:>10}")
 
 
 if __name__ == "__main__":

@@ -193,4 +193,6 @@ def check_number(what: str, value: Any) -> None:
     number = isinstance(value, int | float) and not isinstance(value, bool)
     # A whole number may have more digits than any float.
     if not number or not abs(value) <= sys.float_info.max:
-        raise ModelError(f"{what} is {value!r}; it must be a finite number.")
+        large = isinstance(value, int) and value.bit_length() > 64  # Python writes no number of thousands of digits
+        shown = "a whole number of too many digits" if large else repr(value)
+        raise ModelError(f"{what} is {shown}; it must be a finite number.")

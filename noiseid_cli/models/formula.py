@@ -24,7 +24,7 @@ def obstacle(expression: Any) -> str:
     for part in sp.preorder_traversal(expression):
         if isinstance(part, sp.Number):
             if not _fits(part):
-                return f"the number {_short(part)}, which is too large"
+                return f"a number above {sys.float_info.max:.2g}, the largest there is, or one over it"
         elif not isinstance(part, plain + logic) and type(part).__name__ not in FUNCTIONS:
             known = ", ".join(sorted(FUNCTIONS))
             return f"{type(part).__name__}, which cannot be compiled; known: {known}, sqrt, Max, Min, Piecewise"
@@ -37,8 +37,3 @@ def _fits(number: Any) -> bool:
     if number.is_Rational:
         return bool(abs(number.p) <= largest and number.q <= largest)
     return bool(abs(number) <= largest)
-
-
-def _short(number: Any) -> str:
-    text = str(number)
-    return text if len(text) <= 20 else f"{text[:8]}... of {len(text)} characters"

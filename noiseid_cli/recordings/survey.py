@@ -14,6 +14,9 @@ from noiseid_cli.recordings.options import RecordingSource
 from noiseid_cli.recordings.readers import list_columns, read_table
 from noiseid_cli.recordings.table import Key, Table
 
+LARGEST = 1e100
+"""The largest number that is looked at (chosen): squares of much larger ones overflow."""
+
 
 @dataclass(frozen=True)
 class ColumnFacts:
@@ -97,7 +100,7 @@ def survey(source: RecordingSource) -> Survey:
     A text table in which commas stand for decimal points is found out as well.
 
     Raises:
-        DataError: the file cannot be read, or holds fewer than two rows.
+        DataError: the file cannot be read, holds fewer than two rows, or a number whose square would overflow.
     """
     table = read_table(source, list_columns(source))
     if table.row_word == "line" and table.bad:
@@ -107,6 +110,14 @@ def survey(source: RecordingSource) -> Survey:
             source, table = other, again
     if len(table.row_numbers) < 2:
         raise DataError(f"{source.file} holds a single data row; expected a recording.")
+    for key, values in table.columns.items():
+        beyond = np.flatnonzero(np.abs(values) > LARGEST)
+        if beyond.size:
+            at = f"{table.row_word} {table.row_numbers[beyond[0]]}"
+            raise DataError(
+                f"{source.file}, {at}: column {key!r} holds {values[beyond[0]]:g}, more than any sensor gives "
+                f"({LARGEST:g}): mend the log, or leave the column out of it."
+            )
     return Survey(source, table, tuple(_facts(table, key) for key in table.columns))
 
 

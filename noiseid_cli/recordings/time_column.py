@@ -16,6 +16,8 @@ _UNITS = {"s": 1.0, "sec": 1.0, "secs": 1.0, "second": 1.0, "seconds": 1.0, "ms"
           "milliseconds": 1e-3, "us": 1e-6, "usec": 1e-6, "µs": 1e-6, "micros": 1e-6, "microseconds": 1e-6, "ns": 1e-9,
           "nsec": 1e-9, "nanos": 1e-9, "nanoseconds": 1e-9, "min": 60.0, "minutes": 60.0}  # fmt: skip
 _WORDS = frozenset({"t", "time", "timestamp", "stamp", "clock", "seconds", "sec", "secs", "ms", "us", "ns"})
+SHORTEST, LONGEST = 1e-15, 1e12
+"""s between rows that a clock can tell (chosen: a femtosecond to 30 000 years)."""
 _EPOCH = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3), (1e8, 1.0))
 """Time since 1970 is about 1.7e9 s: what a number above the first means, in s."""
 
@@ -63,9 +65,11 @@ def find_time(found: Survey, wanted: Key | None = None, interval: float | None =
         interval: s, that the user says is between rows; then no column is taken.
 
     Raises:
-        DataError: there is none, or the wanted one does not rise.
+        DataError: there is none, the wanted one does not rise, or no clock ticks as fast or as slowly.
     """
     if interval is not None:
+        if not SHORTEST <= interval <= LONGEST:
+            raise DataError(f"{interval:g} s between rows: expected {SHORTEST:g} to {LONGEST:g} s.")
         return TimeFound(None, 1.0, interval, "the interval between rows, s, as given")
     if wanted is not None:
         column = found.column(wanted)
@@ -135,6 +139,11 @@ def _examined(found: Survey, column: ColumnFacts, why: str) -> TimeFound:
     if not len(dt):
         raise DataError(f"{found.source.file}: the time in column {column.key!r} never rises.")
     nominal = float(np.median(dt))
+    if not SHORTEST <= nominal <= LONGEST:
+        raise DataError(
+            f"{found.source.file}: by column {column.key!r} the rows are {nominal:.3g} s apart, so it is no clock. Say "
+            "which column is the time with --time COLUMN, or how far apart the rows are with --interval SECONDS."
+        )
     gap = dt > 3.0 * nominal
     rows = np.flatnonzero(usable)[repeated]
     others = [other.values for other in found.columns if other.key != column.key]

@@ -1,6 +1,7 @@
 """A model class checks itself: each fault of a user's file gives its own sentence."""
 
 import math
+import sys
 
 import pytest
 import sympy as sp
@@ -121,6 +122,25 @@ def terms(**definitions):
         (dynamics(lambda x, u, v, p: [x.w, x.s]), "the noise push drives no state"),
         (dynamics(lambda x, u, v, p: [x.w, sp.sign(x.w) + v.push]), "have no slope at their jump"),
         (dynamics(lambda x, u, v, p: [x.w, sp.besselj(0, x.w) + v.push]), "holds besselj, which cannot be compiled"),
+        (
+            dynamics(lambda x, u, v, p: [x.w, sp.Integral(x.s, x.w) + v.push]),
+            "holds Integral, which cannot be compiled",
+        ),
+        (
+            dynamics(lambda x, u, v, p: [x.w, 10**5000 + v.push]),
+            r"holds a number above 1\.8e\+308, the largest there is",
+        ),
+        (
+            dynamics(lambda x, u, v, p: [x.w, x.s * sp.Rational(1, 10**5000) + v.push]),
+            "largest there is, or one over it",
+        ),
+        (
+            dynamics(lambda x, u, v, p: sp.Matrix([x.w, x.s])),
+            r"must return a list of formulas, not Matrix\(\[ \[w\], \[s\]\]\)",
+        ),
+        (dynamics(lambda x, u, v, p: sys.exit(3)), "SystemExit: 3"),
+        (output(lambda x, u, p: [sp.Matrix([[1]])]), "holds ImmutableDenseMatrix, which cannot be compiled"),
+        ({"parameters": (Parameter("d", 10**5000),)}, "parameter d is a whole number of too many digits"),
         (output(lambda x, u, p: [x.s, x.w]), "output returns 2 expressions for 1 names: s"),
         (output(lambda x, u, p: [sp.Symbol("push", real=True)]), "not allowed there: push"),
         ({"performances": (Quantity("z"),)}, "performance returns 0 expressions for 1 names: z"),

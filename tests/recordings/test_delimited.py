@@ -127,6 +127,12 @@ def test_encodings(tmp_path, encoding):
     assert table.columns["Wärme °C"].tolist() == [1.0, 2.0]
 
 
+def test_a_quotation_mark_before_more_than_a_field_may_hold_is_a_bad_cell(tmp_path):
+    table = read(tmp_path, 't,y\n0,1\n1,"' + "x" * 200_000 + "\n2,3\n", ["t", "y"])
+    assert table.columns["t"].tolist() == [0, 1, 2]
+    assert [(cell.row, cell.column) for cell in table.bad] == [(1, "y")]
+
+
 def test_unknown_and_ambiguous_columns(tmp_path):
     with pytest.raises(DataError, match=r"no column 'pos_meas1'; it has 'time', 'pos1', 'pos2'\. Did you mean 'pos1'"):
         read(tmp_path, "time,pos1,pos2\n0,1,2\n", ["pos_meas1"])

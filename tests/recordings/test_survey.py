@@ -102,6 +102,16 @@ def test_a_log_without_time_is_told_of_the_two_flags(tmp_path):
         find_time(found, wanted="sway")
 
 
+def test_what_no_clock_and_no_sensor_gives_is_refused(tmp_path):
+    found = looked_at(tmp_path, {"t": 1e-300 * np.arange(N), "sway": WAVE})
+    with pytest.raises(DataError, match=r"column 't' the rows are 1e-300 s apart, so it is no clock\. .*--time COLUMN"):
+        find_time(found)
+    with pytest.raises(DataError, match="1e-300 s between rows: expected 1e-15 to 1e"):
+        find_time(found, interval=1e-300)
+    with pytest.raises(DataError, match=r"line 2: column 'sway' holds 1e\+300, more than any sensor gives"):
+        looked_at(tmp_path, {"t": T, "sway": np.full(N, 1e300)})
+
+
 def test_roles_by_name_and_by_values(tmp_path):
     columns = {
         "t": T, "u": WAVE, "angle": WAVE, "angle_des": WAVE, "gyro": WAVE, "level2": WAVE, "vel2": rng.normal(size=N),
