@@ -6,7 +6,7 @@ import os
 import tempfile
 from pathlib import Path
 
-from noiseid_cli.errors import ModelError
+from noiseid_cli.errors import ModelError, machine_error
 
 
 def cache_root() -> Path:
@@ -30,23 +30,23 @@ def place_kernels(package: Path) -> None:
 
     Raises:
         ModelError: there is no folder that can be written.
+        MachineError: there is none because the disk is full, faulty or read-only.
     """
-    if os.environ.get("NUMBA_CACHE_DIR") or _writable(package / "models" / "__pycache__"):
+    if os.environ.get("NUMBA_CACHE_DIR") or _refusal(package / "models" / "__pycache__") is None:
         return
     folder = cache_root() / "kernels"
-    if not _writable(folder):
-        raise ModelError(
-            f"compiled kernels can be kept neither in {package} nor in {folder}: "
-            "set NOISEID_CACHE_DIR to a folder that you can write to."
-        )
+    if error := _refusal(folder):
+        said = f"compiled kernels can be kept neither in {package} nor in {folder}"
+        advice = "set NOISEID_CACHE_DIR to a folder that you can write to"
+        raise machine_error(error, f"{said} ({advice})") or ModelError(f"{said}: {advice}.")
     os.environ["NUMBA_CACHE_DIR"] = str(folder)
 
 
-def _writable(folder: Path) -> bool:
-    """A file can be made in it; it is made itself if need be."""
+def _refusal(folder: Path) -> OSError | None:
+    """Why no file can be made in a folder, which is made itself if need be; None where one can."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
-            return True
-    except OSError:
-        return False
+            return None
+    except OSError as error:
+        return error

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from noiseid_cli.errors import ModelError
+from noiseid_cli.errors import MachineError, ModelError
 from noiseid_cli.models.cache import cache_root, place_kernels
 
 HEAVY = {"numpy", "scipy", "numba", "sympy", "matplotlib", "h5py", "pydantic", "rich", "yaml", "jinja2", "platformdirs"}
@@ -44,6 +44,17 @@ def test_without_any_folder_the_user_is_told_what_to_set(places, monkeypatch):
     with pytest.raises(ModelError, match="set NOISEID_CACHE_DIR to a folder"):
         place_kernels(places / "package")
     assert "NUMBA_CACHE_DIR" not in os.environ
+
+
+def test_a_full_disk_is_told_as_such(places, monkeypatch):
+    def full(**_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("tempfile.TemporaryFile", full)
+    with pytest.raises(
+        MachineError, match=r"\(set NOISEID_CACHE_DIR to .*\): No space left on device: the disk is full"
+    ):
+        place_kernels(places)
 
 
 def test_a_kernel_is_compiled_when_it_is_called_and_found_again(places):

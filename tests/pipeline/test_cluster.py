@@ -12,7 +12,7 @@ from distributed import LocalCluster
 from small_experiment import CONFIG, MODEL, arrays_of, noiseid, write_experiment
 
 from noiseid_cli.errors import DataError, MachineError
-from noiseid_cli.pipeline.cluster import check_address
+from noiseid_cli.pipeline.cluster import _cluster_here, check_address
 from noiseid_cli.pipeline.context import open_experiment
 from noiseid_cli.pipeline.engine import run_units
 from noiseid_cli.pipeline.units import dataset_units
@@ -181,6 +181,24 @@ def test_a_scheduler_that_is_not_there_is_told_of(tmp_path, monkeypatch):
     refused = noiseid("simulate", write_experiment(tmp_path), "--dask", "tcp://127.0.0.1:9", "-o", tmp_path / "runs")
     assert refused.exit_code == 3
     assert "no dask scheduler answers at tcp://127.0.0.1:9" in refused.stderr
+
+
+def test_workers_that_die_while_they_start_are_started_again(monkeypatch):
+    """Dask gives the whole cluster up when one worker dies before it is at work."""
+    fates = ["dies", "dies", "lives"]
+
+    def start(**options):
+        if fates.pop(0) == "dies":
+            raise RuntimeError("Nanny failed to start.")
+        return options
+
+    monkeypatch.setattr("distributed.LocalCluster", start)
+    started = _cluster_here(3)
+    assert (started["n_workers"], started["host"], started["dashboard_address"]) == (3, "127.0.0.1", "127.0.0.1:0")
+    fates[:] = ["dies"] * TRIES
+    with pytest.raises(MachineError, match=f"workers of --dask local died {TRIES} times while they started"):
+        _cluster_here(1)
+    assert not fates
 
 
 def test_local_makes_workers_of_its_own_on_this_machine_only(tmp_path):
