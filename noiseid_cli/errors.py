@@ -42,6 +42,9 @@ _MACHINE = {
 }
 
 
+NO_MEMORY = "there is not enough memory: take fewer samples or fewer --jobs, or end other programs"
+
+
 def machine_error(error: BaseException, said: str = "") -> MachineError | None:
     """What to raise for a fault of the machine; None where the operating system refused for another reason.
 
@@ -51,6 +54,8 @@ def machine_error(error: BaseException, said: str = "") -> MachineError | None:
     """
     if isinstance(error, MachineError):
         return error
+    if isinstance(error, MemoryError):
+        return MachineError(NO_MEMORY)
     if not isinstance(error, OSError) or error.errno not in _MACHINE:
         return None
     said = said or f"{error.filename or 'the output or a file'} could not be read or written"

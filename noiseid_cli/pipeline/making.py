@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Literal
 
-from noiseid_cli.errors import DamagedError, MachineError, NoiseidError, machine_error
+from noiseid_cli.errors import NO_MEMORY, DamagedError, MachineError, NoiseidError, machine_error
 from noiseid_cli.pipeline.context import Context
 from noiseid_cli.pipeline.unit import DatasetUnit, EstimateUnit
 from noiseid_cli.pipeline.wording import counted
@@ -120,8 +120,9 @@ def make(context: Context, unit: Unit, listener: Listener) -> Token:
         if fault := machine_error(error):
             raise fault from error
         raise
-    except NoiseidError as error:
-        return Token(unit.name, unit.path, "failed", str(error), seconds=time.perf_counter() - began)
+    except (NoiseidError, MemoryError) as error:  # other units may need less memory
+        reason = NO_MEMORY if isinstance(error, MemoryError) else str(error)
+        return Token(unit.name, unit.path, "failed", reason, seconds=time.perf_counter() - began)
     return Token(unit.name, unit.path, "made", message, status, time.perf_counter() - began)
 
 

@@ -11,6 +11,7 @@ import time
 import pytest
 from small_experiment import COMMAND, MEASURED, noiseid, write_recordings
 
+from noiseid_cli.errors import NO_MEMORY
 from noiseid_cli.storage.hdf5 import read_format
 
 LINEAR = """\
@@ -214,6 +215,16 @@ def test_an_answer_that_finds_no_space_is_told_in_a_line(words):
     assert told.stderr.endswith(FAULTS[errno.ENOSPC] + "\n")
     assert told.stderr.count("\n") == 1
     assert silent.returncode == 1
+
+
+def test_too_little_memory_for_the_report_is_no_bug(small, monkeypatch):
+    def large(*_):
+        raise MemoryError
+
+    monkeypatch.setattr("noiseid_cli.report.make_report", large)
+    told = noiseid("run", "-q")
+    assert told.exit_code == 1
+    assert told.stderr == f"noiseid: {NO_MEMORY}\n"
 
 
 def test_a_bug_without_a_place_for_its_log_is_still_one_line(small, monkeypatch):

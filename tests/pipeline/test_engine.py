@@ -86,6 +86,21 @@ def test_a_failed_unit_is_a_token_and_the_others_go_on(small, monkeypatch):
     assert read_failure(units[1].path) is None
 
 
+def test_a_unit_without_enough_memory_fails_and_the_others_go_on(small, monkeypatch):
+    real = datasets.make_dataset
+
+    def large(context, unit):
+        if unit.replicate == 1:
+            raise MemoryError
+        return real(context, unit)
+
+    monkeypatch.setattr(datasets, "make_dataset", large)
+    context = opened(small, "simulate.replicates=3")
+    tokens = run_units(context, "simulate", dataset_units(context), Record())
+    assert [t.state for t in tokens] == ["made", "failed", "made"]
+    assert tokens[1].message.startswith("there is not enough memory: take fewer samples")
+
+
 def test_a_failure_that_cannot_be_recorded_does_not_end_the_run(small, monkeypatch):
     from noiseid_cli.pipeline import datasets
     from noiseid_cli.storage import failure_file
