@@ -26,9 +26,10 @@ from noiseid_cli.filters.sigma_steps import (
     spread,
 )
 from noiseid_cli.models.arrays import copy, copy_matrix
-from noiseid_cli.models.discretisation import DENSITY, transition
+from noiseid_cli.models.discretisation import transition
 from noiseid_cli.models.handle import borrowed
 from noiseid_cli.models.jit import kernel, routine
+from noiseid_cli.models.schemes import DENSITY
 from noiseid_cli.models.signatures import matrix, vector
 
 

@@ -13,10 +13,11 @@ from noiseid_cli.filters.sigma_points import draw, weighted_mean
 from noiseid_cli.filters.sigma_steps import INDEFINITE_PREDICTION, condition, keep_observed, spread
 from noiseid_cli.models.arrays import copy, copy_matrix
 from noiseid_cli.models.compiled import CompiledModel
-from noiseid_cli.models.discretisation import DENSITY, EXACT, advance, transition, workspace
+from noiseid_cli.models.discretisation import advance, transition, workspace
 from noiseid_cli.models.handle import borrowed, handle_type, new
 from noiseid_cli.models.jit import kernel, routine
 from noiseid_cli.models.recording import Array
+from noiseid_cli.models.schemes import DENSITY, EXACT
 from noiseid_cli.models.signatures import Drift, DriftJacobian, Output, matrix, vector
 
 

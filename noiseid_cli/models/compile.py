@@ -19,9 +19,9 @@ from types import ModuleType
 from noiseid_cli.errors import ModelError, machine_error
 from noiseid_cli.models.cache import cache_root
 from noiseid_cli.models.compiled import Adjoints, CompiledModel
-from noiseid_cli.models.discretisation import SCHEMES
 from noiseid_cli.models.equations import Equations, Model
 from noiseid_cli.models.matrix_model import MatrixModel
+from noiseid_cli.models.schemes import SCHEMES
 
 
 def compile_model(model: Model, on_compile: Callable[[str], None] | None = None) -> CompiledModel:
@@ -95,12 +95,13 @@ def cache_folder() -> Path:
 
 def cache_key(equations: Equations) -> str:
     """Hash over everything that the generated code depends on."""
-    import numba
+    from importlib.metadata import version
+
     import sympy as sp
 
     from noiseid_cli.models.codegen import GENERATOR_VERSION
 
-    parts = [f"generator {GENERATOR_VERSION}", f"sympy {sp.__version__}", f"numba {numba.__version__}"]
+    parts = [f"generator {GENERATOR_VERSION}", f"sympy {sp.__version__}", f"numba {version('numba')}"]
     for group in (equations.x, equations.u, equations.v, equations.p):
         parts.append(" ".join(map(str, group)))
     for term, definition in equations.terms.items():

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import math
 
-from noiseid_cli.models.discretisation import DENSITY, DISCRETE, EULER, EXACT, RK4
 from noiseid_cli.models.exponential import held_exponential, held_exponential_adjoint
 from noiseid_cli.models.jit import routine
+from noiseid_cli.models.schemes import DENSITY, DISCRETE, EULER, EXACT, RK4
 
 _KNOWN = (DISCRETE, EULER, RK4, EXACT)
 REVERSIBLE = (*_KNOWN, *(scheme + DENSITY for scheme in _KNOWN))

@@ -23,8 +23,9 @@ from noiseid_cli.models.declarations import (
 from noiseid_cli.models.formula import obstacle
 from noiseid_cli.models.linearity import nonlinearity
 from noiseid_cli.models.recording import Array
+from noiseid_cli.models.schemes import SCHEMES
 
-DISCRETISATIONS = ("discrete", "euler", "rk4", "exact", "van_loan")
+DISCRETISATIONS = tuple(SCHEMES)
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike
 
 from noiseid_cli.errors import ModelError
 from noiseid_cli.models.compiled import Adjoints, CompiledModel
-from noiseid_cli.models.discretisation import DISCRETE
 from noiseid_cli.models.jit import equation, routine
 from noiseid_cli.models.recording import Array
+from noiseid_cli.models.schemes import DISCRETE
 from noiseid_cli.models.signatures import DRIFT, DRIFT_JACOBIAN, OUTPUT, OUTPUT_JACOBIAN
 
 

@@ -17,9 +17,9 @@ import numpy as np
 from noiseid_cli.errors import ModelError
 from noiseid_cli.models.compiled import CompiledModel
 from noiseid_cli.models.declarations import Parameter, Quantity
-from noiseid_cli.models.discretisation import SCHEMES
 from noiseid_cli.models.equations import Model
 from noiseid_cli.models.recording import Array
+from noiseid_cli.models.schemes import SCHEMES
 
 LETTERS = ("A", "B", "G", "C", "D")
 

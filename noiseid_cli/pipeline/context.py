@@ -143,7 +143,7 @@ class Context:
     @property
     def compiled(self) -> CompiledModel:
         """The same as estimation takes it: where ``process_noise`` is a density, the covariance of its noise is one."""
-        from noiseid_cli.models.discretisation import DENSITY
+        from noiseid_cli.models.schemes import DENSITY
 
         model = self.simulator
         return replace(model, scheme=model.scheme + DENSITY) if self.density else model

@@ -68,9 +68,9 @@ def ensemble(task: Task) -> Ensemble:
     from noiseid_cli.estimators.cross_sectional.ensemble import Ensemble, check_first
     from noiseid_cli.estimators.cross_sectional.problem import Coordinates, Theta
     from noiseid_cli.estimators.data_check import check_data
-    from noiseid_cli.models.discretisation import DENSITY
     from noiseid_cli.models.linear_family import LinearFamily
     from noiseid_cli.models.linearity import nonlinearity
+    from noiseid_cli.models.schemes import DENSITY
 
     u, model = task.unknowns, task.equations
     check_data(task.model, task.recordings, steps_needed=False)

@@ -10,7 +10,7 @@ from random_models import random_case
 
 from noiseid_cli.filters.ekf import extended_kalman_filter
 from noiseid_cli.filters.ekf_adjoint import has_exact_gradient, loglik_gradient
-from noiseid_cli.models.discretisation import DENSITY, DISCRETE, EULER, EXACT, RK4
+from noiseid_cli.models.schemes import DENSITY, DISCRETE, EULER, EXACT, RK4
 
 
 def directions(noise, rng):

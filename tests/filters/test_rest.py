@@ -64,7 +64,7 @@ def test_an_interval_of_another_length_wakes_the_recursion():
     """The step is exact in time: its matrices follow the interval."""
     from dataclasses import replace
 
-    from noiseid_cli.models.discretisation import SCHEMES
+    from noiseid_cli.models.schemes import SCHEMES
 
     model, recording = case(800)
     model = replace(linear_model(A - np.eye(3), np.eye(3), C), scheme=SCHEMES["exact"])

@@ -12,7 +12,7 @@ from noiseid_cli.errors import EstimationError
 from noiseid_cli.filters.ekf import FilterDivergedError, extended_kalman_filter
 from noiseid_cli.filters.sigma_points import cubature, unscented
 from noiseid_cli.filters.srukf import SquareRootUnscentedFilter, square_root_unscented_filter
-from noiseid_cli.models.discretisation import DENSITY, EXACT
+from noiseid_cli.models.schemes import DENSITY, EXACT
 
 
 def covariances(U):

@@ -7,8 +7,8 @@ from one_step import transition, workspace
 
 from noiseid_cli.models import Model, Parameter, Quantity
 from noiseid_cli.models.compile import compile_model
-from noiseid_cli.models.discretisation import SCHEMES
 from noiseid_cli.models.equations import DISCRETISATIONS
+from noiseid_cli.models.schemes import SCHEMES
 
 
 class DrivenPendulum(Model):

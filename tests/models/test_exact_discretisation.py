@@ -9,8 +9,8 @@ from scipy.linalg import block_diag, expm
 from noiseid_cli.errors import ModelError
 from noiseid_cli.models import Model, Parameter, Quantity
 from noiseid_cli.models.compile import compile_model
-from noiseid_cli.models.discretisation import DENSITY, EXACT, RK4
 from noiseid_cli.models.exponential import held_exponential
+from noiseid_cli.models.schemes import DENSITY, EXACT, RK4
 
 
 def exponential(A, dt):

@@ -101,6 +101,7 @@ def test_what_only_talks_imports_nothing_heavy(arguments):
     assert imported_by(*arguments) & HEAVY <= allowed
 
 
-def test_checking_an_experiment_draws_no_figures(tmp_path):
-    quickstart = Path(__file__).parents[2] / "configs" / "quickstart.yaml"
-    assert not imported_by("check", str(quickstart), "--out", str(tmp_path)) & {"matplotlib", "jinja2"}
+@pytest.mark.parametrize("config", ["quickstart", "local_level"])
+def test_checking_an_experiment_draws_and_compiles_nothing(tmp_path, config):
+    file = Path(__file__).parents[2] / "configs" / f"{config}.yaml"
+    assert not imported_by("check", str(file), "--out", str(tmp_path)) & {"matplotlib", "jinja2", "numba", "scipy"}

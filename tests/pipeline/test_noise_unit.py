@@ -14,9 +14,9 @@ from noiseid_cli.estimators.unknowns import Unknowns
 from noiseid_cli.filters.ekf import extended_kalman_filter
 from noiseid_cli.models import Model, Quantity
 from noiseid_cli.models.compile import compile_model
-from noiseid_cli.models.discretisation import DENSITY
 from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.models.recording import Recording
+from noiseid_cli.models.schemes import DENSITY
 from noiseid_cli.pipeline.context import open_experiment
 from noiseid_cli.pipeline.datasets import make_dataset
 from noiseid_cli.pipeline.estimation import make_estimate

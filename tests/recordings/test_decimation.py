@@ -8,10 +8,10 @@ import pytest
 from noiseid_cli.estimators import em
 from noiseid_cli.estimators.structure import CovarianceStructure
 from noiseid_cli.estimators.unknowns import Unknowns
-from noiseid_cli.models.discretisation import DENSITY, EULER
 from noiseid_cli.models.linear import linear_model
 from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.models.recording import Recording
+from noiseid_cli.models.schemes import DENSITY, EULER
 from noiseid_cli.recordings.decimation import decimate
 from noiseid_cli.recordings.faults import Findings
 from noiseid_cli.recordings.options import Decimation
