@@ -44,7 +44,7 @@ def to_answer(problem: Problem) -> dict[str, tuple[int, float]]:
     tight = em.EmOptions(loglik_tolerance=1e-6, parameter_tolerance=1e-7, max_passes=3000, linearisation="filtered")
     runs = {
         "EM, plain": lambda: em.estimate(model, recordings, start, unknowns, replace(tight, acceleration="none")),
-        "EM, SQUAREM": lambda: em.estimate(model, recordings, start, unknowns, tight),
+        "EM, quasi-Newton": lambda: em.estimate(model, recordings, start, unknowns, tight),
         "ml": lambda: ml.estimate(model, recordings, start, unknowns),
     }
     found = {}

@@ -1,4 +1,4 @@
-"""Run the benchmarks, all or those named by their letters, and print one Markdown table: the one of docs/speed.md."""
+"""Run the benchmarks, all or those named by their letters, and print the Markdown tables of docs/speed.md."""
 
 from __future__ import annotations
 
@@ -12,13 +12,17 @@ MODULES = ("a_robot_pass", "b_linear_em", "c_steps", "d_ensembles", "e_to_answer
 
 
 def main(letters: str) -> None:
-    """Print the table of the benchmarks whose letters are given."""
+    """Print what the benchmarks give whose letters are given."""
     table = []
     for name in MODULES:
         if name[0] in letters:
             print(f"{name} ...", file=sys.stderr, flush=True)
             table += import_module(name).rows()
     print(markdown(("task", "program", "time", "times noiseid"), table, 2))
+    if "e" in letters:
+        from e_accelerations import HEAD, rows
+
+        print(markdown(HEAD, rows(), 1))
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ class EmOptions(MethodOptions):
     """Expectation maximisation with an extended, unscented or cubature Kalman smoother."""
 
     summary: ClassVar[str] = (
-        "expectation maximisation with an extended (or unscented, cubature) Kalman smoother, accelerated by SQUAREM"
+        "expectation maximisation with an extended (or unscented, cubature) Kalman smoother, with quasi-Newton steps"
     )
     estimates: ClassVar[str] = "Q, R, m0, P0 (full, diagonal, blocks, scale, entries held or tied)"
     citation: ClassVar[str] = (
@@ -50,8 +50,10 @@ class EmOptions(MethodOptions):
         description="states at which the M-step linearises: anew at the smoothed ones, or the filter's own; with "
         "smoother extended",
     )
-    acceleration: Literal["squarem", "none"] = Field(
-        default="squarem", description="extrapolation between passes; none is the algorithm as published"
+    acceleration: Literal["quasi_newton", "none"] = Field(
+        default="quasi_newton",
+        description="quasi-Newton steps between those of EM, where they raise the likelihood; none is the algorithm as "
+        "published",
     )
     max_passes: Count = Field(default=500, description="largest number of passes over the data")
     loglik_tolerance: NotNegative = Field(

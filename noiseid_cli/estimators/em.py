@@ -8,9 +8,9 @@ log-likelihood does not fall there, and rest is declared after an EM step only: 
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-from typing import Literal
+from typing import Literal, Protocol
 
 from noiseid_cli.errors import EstimationError
 from noiseid_cli.estimators.data_check import check_data
@@ -18,7 +18,7 @@ from noiseid_cli.estimators.em_record import safeguards, trace
 from noiseid_cli.estimators.em_run import EmPoint, EmRun
 from noiseid_cli.estimators.em_statistics import LINEARISATIONS
 from noiseid_cli.estimators.estimate import Estimate, Progress, Status
-from noiseid_cli.estimators.squarem import Squarem
+from noiseid_cli.estimators.quasi_newton_em import QuasiNewtonEm
 from noiseid_cli.estimators.unknowns import GONE, Unknowns
 from noiseid_cli.filters.ekf import FilterDivergedError
 from noiseid_cli.filters.sigma_points import SigmaWeights, cubature, unscented
@@ -28,6 +28,23 @@ from noiseid_cli.models.recording import Recording
 
 # A fall below this share of the log-likelihood is rounding of its sum, not a fall.
 ROUNDING = 1e-12
+
+
+class Acceleration(Protocol):
+    """What proposes points between the EM steps of a run."""
+
+    def propose(self, now: EmPoint) -> NoiseValues | None:
+        """A point to try from ``now``, where the last pass was made; None where an EM step is next."""
+
+    def learn(self, tried: EmPoint | None) -> None:
+        """What became of the proposed point; None where there was no pass, or none that ended."""
+
+
+ACCELERATIONS: dict[str, Callable[[EmRun], Acceleration | None]] = {
+    "quasi_newton": QuasiNewtonEm,
+    "none": lambda _: None,
+}
+"""What ``EmOptions.acceleration`` can name."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +58,7 @@ class EmOptions:
             default alpha is 1 [chosen]: with the customary 1e-3 the shift of the mean loses six of sixteen digits.
         linearisation: ``smoothed`` (the paper's) or ``filtered``, see ``em_statistics.e_step``; ``smoothed`` for
             sigma points, whose moments are always those of the smoothed distribution.
-        acceleration: ``squarem`` or ``none``.
+        acceleration: ``quasi_newton``, see ``quasi_newton_em``, or ``none``.
         max_passes: give up after so many passes over the data.
         loglik_tolerance: the log-likelihood counts as at rest when a pass changes it by at most this much.
         parameter_tolerance: so do the parameters when an EM step changes no log standard deviation and no
@@ -56,7 +73,7 @@ class EmOptions:
     beta: float = 2.0
     kappa: float | None = None
     linearisation: Literal["smoothed", "filtered"] = "smoothed"
-    acceleration: Literal["squarem", "none"] = "squarem"
+    acceleration: Literal["quasi_newton", "none"] = "quasi_newton"
     max_passes: int = 500
     loglik_tolerance: float = 1e-3
     parameter_tolerance: float = 1e-5
@@ -136,16 +153,24 @@ def estimate(
 
 def _iterate(run: EmRun, start: NoiseValues, options: EmOptions) -> tuple[Status, str]:
     """Until the stop rule holds: what the acceleration proposes where it does, else an EM step."""
-    acceleration = Squarem(run.unknowns) if options.acceleration == "squarem" else None
+    acceleration = ACCELERATIONS[options.acceleration](run)
     now = before = run.visit(start)
+    confirm = False
     while run.passes < options.max_passes:
-        proposed = None if acceleration is None else acceleration.propose(now)
+        proposed = None if acceleration is None or confirm else acceleration.propose(now)
+        confirm = False
         if acceleration is not None and proposed is not None:
-            reached = run.attempt(proposed, now.loglik)
-            acceleration.learn(reached)
-            now = now if reached is None else reached
-            if reached is not None or run.passes >= options.max_passes:
+            tried = run.attempt(proposed, now.loglik)
+            acceleration.learn(tried)
+            if tried is not None and tried.accepted:
+                before, now = now, tried
+                ended = _gone(run, now)
+                if ended is not None:
+                    return ended
+                confirm = _at_rest(before, now, options)
                 continue
+            if run.passes >= options.max_passes:
+                break
         before = now
         try:
             now = run.visit(before.after)
@@ -161,14 +186,9 @@ def _iterate(run: EmRun, start: NoiseValues, options: EmOptions) -> tuple[Status
 
 def _ended(run: EmRun, before: EmPoint, now: EmPoint, options: EmOptions) -> tuple[Status, str] | None:
     """How the run ends with the EM step from ``before`` to ``now``; None where it goes on."""
-    gone = run.unknowns.gone(now.noise)
-    if gone:
-        return "stalled_fixed_point", (
-            f"after {run.passes} passes a standard deviation of {gone} is below {GONE:g} of its start: zero "
-            "is its answer, or the start is too far off; start nearer to the data's scale, or give it as known"
-        )
-    if not _at_rest(before, now, options):
-        return None
+    gone = _gone(run, now)
+    if gone is not None or not _at_rest(before, now, options):
+        return gone
     low = run.too_low(now)
     if low:
         return "stalled_fixed_point", _too_low(run, low)
@@ -179,8 +199,18 @@ def _ended(run: EmRun, before: EmPoint, now: EmPoint, options: EmOptions) -> tup
     )
 
 
+def _gone(run: EmRun, now: EmPoint) -> tuple[Status, str] | None:
+    gone = run.unknowns.gone(now.noise)
+    if not gone:
+        return None
+    return "stalled_fixed_point", (
+        f"after {run.passes} passes a standard deviation of {gone} is below {GONE:g} of its start: zero "
+        "is its answer, or the start is too far off; start nearer to the data's scale, or give it as known"
+    )
+
+
 def _at_rest(before: EmPoint, now: EmPoint, options: EmOptions) -> bool:
-    """The stop rule, asked after an EM step."""
+    """The stop rule; of an accelerated step it only says that an EM step is next, which decides."""
     loglik = now.loglik - before.loglik <= options.loglik_tolerance
     parameters = now.change <= options.parameter_tolerance
     return {"both": loglik and parameters, "loglik": loglik, "parameters": parameters}[options.stop]

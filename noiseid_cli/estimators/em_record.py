@@ -31,6 +31,8 @@ def safeguards(run: EmRun, linearisation: str) -> list[str]:
     rejected = sum(not p.accepted for p in run.points)
     if rejected:
         out.append(f"{rejected} extrapolated points lowered the log-likelihood and were rejected")
+    if run.indefinite:
+        out.append(f"{run.indefinite} extrapolated points were no covariances and were left out")
     if run.divergences:
         out.append(f"{len(run.divergences)} extrapolated points made the filter fail: first, {run.divergences[0]}")
     if run.falls:

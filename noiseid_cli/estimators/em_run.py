@@ -28,7 +28,7 @@ class EmPoint:
         after: where the EM step from it leads.
         change: size of that step, see ``Unknowns.change``.
         extrapolated: the point came from an acceleration, not from an EM step.
-        accepted: the run went on from it.
+        accepted: the run could go on from it.
     """
 
     noise: NoiseValues
@@ -52,6 +52,8 @@ class EmRun:
         points: all that were visited, in order; one pass each.
         falls: by how much plain EM steps lowered the log-likelihood.
         divergences: why the filter failed at accelerated points.
+        indefinite: number of accelerated points that were no covariances.
+        statistics: what the last pass gathered.
         singular: number of singular predictions.
     """
 
@@ -65,7 +67,9 @@ class EmRun:
     points: list[EmPoint] = field(default_factory=list)
     falls: list[float] = field(default_factory=list)
     divergences: list[str] = field(default_factory=list)
+    indefinite: int = 0
     singular: int = 0
+    statistics: Statistics | None = None
 
     @property
     def passes(self) -> int:
@@ -84,18 +88,23 @@ class EmRun:
             FilterDivergedError: the filter fails there.
         """
         blocks = None if self.unknowns.R is None else self.unknowns.R.block_of
-        statistics: Statistics = e_step(self.model, self.recordings, noise, self.linearisation, blocks, self.weights)
+        statistics = e_step(self.model, self.recordings, noise, self.linearisation, blocks, self.weights)
         after = self.unknowns.maximise(statistics, noise)
         point = EmPoint(noise, statistics.loglik, after, self.unknowns.change(noise, after), extrapolated)
         self.points.append(point)
+        self.statistics = statistics
         self.singular += statistics.singular
         if self.progress is not None:
             self.progress(self.passes, point.loglik)
         return point
 
     def attempt(self, candidate: NoiseValues, least: float) -> EmPoint | None:
-        """The point at ``candidate`` if it is usable and its log-likelihood does not fall below ``least``."""
+        """The point at an accelerated ``candidate``; accepted if its log-likelihood does not fall below ``least``.
+
+        None if the candidate is no covariance or the filter fails there.
+        """
         if not _usable(candidate):
+            self.indefinite += 1
             return None
         try:
             point = self.visit(candidate, extrapolated=True)
@@ -103,7 +112,7 @@ class EmRun:
             self.divergences.append(str(error))
             return None
         point.accepted = point.loglik >= least - self.fall_tolerance
-        return point if point.accepted else None
+        return point
 
     def too_low(self, now: EmPoint) -> str:
         """Name of a covariance that is too small by powers of ten; empty if none is."""
@@ -113,7 +122,7 @@ class EmRun:
 def _usable(noise: NoiseValues) -> bool:
     """All covariances are finite and positive definite (only held entries can make one indefinite)."""
     for P in (noise.Q, noise.R, noise.P0):
-        if not np.all(np.isfinite(P)):
+        if not np.all(np.isfinite(P)) or np.any(np.diag(P) < 0.0):
             return False
         scale = np.sqrt(np.diag(P))
         if np.any(scale > 0.0):

@@ -6,7 +6,8 @@ information there proves it: its Newton step must promise next to nothing. The s
 Measured, seconds on one core, flexible robot of 8 states and 4000 samples: a run of the filter 0.015, the reverse run
 that gives the exact gradient 0.022 whatever the number of unknowns, a pass of EM 0.039; differences need 2 d + 1 runs.
 Ends that miss the best of 90 starts (9 small problems, factors 1e-3.5..1e3.5 on Q and on R), and the median number of
-passes, for em_passes of 0: 2, 50; 1: 2, 51; 2: 3, 31; 3: 2, 32; 5: 4, 32; 8: 4, 35; 12: 4, 38. Hence 3.
+passes, for em_passes of 0: 2, 50; 1: 2, 51; 2: 3, 31; 3: 2, 32; 5: 4, 32; 8: 4, 35; 12: 4, 38. Hence 3. (That was with
+another acceleration of EM; with the present one, on 9 harder problems, 3: 4, 42; 5: 3, 42; 8: 2, 42; 12: 1, 40.)
 """
 
 from __future__ import annotations

@@ -60,23 +60,36 @@ def score(
         LinAlgError: an unknown covariance is singular, or as good as that.
     """
     blocks = None if unknowns.R is None else unknowns.R.block_of
-    statistics = e_step(model, recordings, noise, FILTERED, blocks, weights)
+    return score_of(e_step(model, recordings, noise, FILTERED, blocks, weights), noise, unknowns)
+
+
+def score_of(statistics: Statistics, noise: NoiseValues, unknowns: Unknowns) -> Score:
+    """The same from a pass that was made at ``noise``, with whatever linearisation.
+
+    Its zeros are the fixed points of EM with the same statistics.
+
+    Raises:
+        LinAlgError: an unknown covariance is singular, or as good as that.
+    """
     gradients, informations = [], []
     for name, structure, (value,) in unknowns.covariances(noise):
         counts, moment = _moment(name, statistics, noise)
-        directions = structure.jacobian(structure.coordinates(value))
-        scale = np.sqrt(np.diag(value))
-        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # looked at below
-            inverse = np.linalg.inv(value / np.outer(scale, scale)) / np.outer(scale, scale)
-        if not np.all(np.isfinite(inverse)):
-            raise np.linalg.LinAlgError(f"{name} is so small that its inverse is beyond the floating-point numbers")
-        known = np.where(np.isfinite(moment), moment, value)
         if not structure.scale:
-            known = np.where(structure.block_of[:, None] == structure.block_of[None, :], known, 0.0)
-        slope = 0.5 * counts[:, None] * (inverse @ (known - value) @ inverse)
-        turned = np.array([inverse @ direction for direction in directions])
+            moment = np.where(structure.block_of[:, None] == structure.block_of[None, :], moment, 0.0)
+        # In units of the standard deviations, where nothing overflows before its time.
+        scale = np.sqrt(np.diag(value))
+        units = np.outer(scale, scale)
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # looked at below
+            inverse = np.linalg.inv(value / units)
+            excess = (np.where(np.isfinite(moment), moment, value) - value) / units
+            directions = structure.jacobian(structure.coordinates(value)) / units
+        if not all(np.all(np.isfinite(part)) for part in (inverse, excess, directions)):
+            raise np.linalg.LinAlgError(f"{name} is so small that its inverse is beyond the floating-point numbers")
+        slope = 0.5 * counts[:, None] * (inverse @ excess @ inverse)
+        turned = inverse @ directions
         gradients.append(np.einsum("ij,aij->a", slope, directions))
-        informations.append(0.5 * np.einsum("i,aij,bji->ab", counts, turned, turned))
+        left, right = counts[:, None] * turned, turned.transpose(0, 2, 1)
+        informations.append(0.5 * left.reshape(len(turned), -1) @ right.reshape(len(turned), -1).T)
     if unknowns.m0:
         g, information = _mean_score(statistics, noise, unknowns.mean_scale(noise))
         gradients.append(g)

@@ -108,7 +108,7 @@ def unit(
         trace=history,
         safeguards=("2 accelerated steps were rejected.",) if method == "em" else (),
         settings={
-            "acceleration": "squarem" if method == "em" else "none",
+            "acceleration": "quasi_newton" if method == "em" else "none",
             "max_passes": 1000,
             "tolerance": 1e-4,
         },
