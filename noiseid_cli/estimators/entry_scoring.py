@@ -9,6 +9,8 @@ import numpy as np
 from noiseid_cli.models.recording import Array
 
 Entries = Sequence[tuple[int, int]]
+# A share of the step below which the search gives up: nothing higher can be told from where it is.
+SHORTEST = 1e-12
 
 
 def maximise_entries(S: Array, Q: Array, free: Entries, ties: Array) -> Array:
@@ -38,11 +40,14 @@ def maximise_entries(S: Array, Q: Array, free: Entries, ties: Array) -> Array:
         step = step @ ties
         if decrement < 1e-26:
             break
-        # Below about 1e-10 the gain drowns in the objective's rounding: the full step is right there.
+        # Below this the gain drowns in the objective's rounding: the full step is right there.
+        drowned = 1e-10 * max(1.0, abs(value))
         length = 1.0
         trial = _moved(Q, free, step)
-        while decrement > 1e-10 and _objective(trial, S) <= value:
+        while decrement > drowned and _objective(trial, S) <= value:
             length /= 2.0
+            if length < SHORTEST:
+                return Q
             trial = _moved(Q, free, length * step)
         Q, value = trial, _objective(trial, S)
     return Q

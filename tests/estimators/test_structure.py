@@ -105,3 +105,12 @@ def test_units_shift_coordinates_only(kind):
 def test_starts_without_a_way_out_are_refused(structure, text):
     with pytest.raises(EstimationError, match=text):
         structure.check()
+
+
+def test_an_entry_held_next_to_nothing_does_not_keep_the_search_from_its_end():
+    """The held variance makes the objective 3e8: what the free one gains is below its rounding, and still found."""
+    start = np.diag([3.9e-40, 2.1e-32])
+    structure = CovarianceStructure(start, ((0,), (1,)), held=frozenset({(0, 0)}))
+    found = structure.maximise(np.full((2, 2), 1.26e-31), start)
+    assert found[0, 0] == start[0, 0]
+    assert np.isclose(found[1, 1], 1.26e-31, rtol=1e-6)
