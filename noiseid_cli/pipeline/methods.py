@@ -97,6 +97,11 @@ def _refuse_what_is_for_ensembles(name: str, task: Task) -> None:
             f"{task.equations.name} is driven by white noise, which is for {them}: {name} takes a noise that is held "
             "over each interval; give model.discretisation: exact"
         )
+    if task.start.m0.shape[1] != task.model.nx:
+        raise EstimationError(
+            f"the model {task.equations.name} gives the covariance of a part of its first state itself, which is for "
+            f"{them}: {name} takes the mean and covariance of every state; give a model without initial_covariance"
+        )
 
 
 def _em(t: Task) -> Estimate:

@@ -173,6 +173,7 @@ def test_unknown_variances_of_the_noise_are_found_beside_the_first_state(tmp_pat
         (("estimate.parameters={}",), "em", "driven by white noise"),
         (("estimate.parameters={}", "model.discretisation=exact", "estimate.initial_map={names: [a, b], "
           "matrix: [[1, 0], [0, 1], [0, 0]]}"), "em", "takes neither estimate.initial_map nor"),
+        (("estimate.parameters={}", "model.discretisation=exact"), "em", "takes the mean and covariance of"),
         (("estimate.continue_from=nothing",), "recursive-ml", "nothing.*name a result of recursive-ml"),
         (("estimate.methods.recursive-ml.first=30",), "recursive-ml", "batch of 30 tests, but there are 12"),
     ],
