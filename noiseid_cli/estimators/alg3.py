@@ -19,9 +19,9 @@ from noiseid_cli.errors import EstimationError
 from noiseid_cli.estimators.data_check import check_data
 from noiseid_cli.estimators.estimate import Estimate, Progress, Status
 from noiseid_cli.estimators.unknowns import Unknowns
-from noiseid_cli.filters.ekf import FilterDivergedError, extended_kalman_filter
+from noiseid_cli.filters.ekf import FilterDivergedError
 from noiseid_cli.filters.linalg import left_solve
-from noiseid_cli.filters.smoother import extended_kalman_smoother
+from noiseid_cli.filters.smoother import extended_kalman_smoother, filter_to_smooth
 from noiseid_cli.models.compiled import CompiledModel
 from noiseid_cli.models.discretisation import transition, workspace
 from noiseid_cli.models.jit import kernel
@@ -139,8 +139,8 @@ def smoothed_noise(
     """
     parts, loglik, singular = [], 0.0, 0
     for i, recording in enumerate(recordings):
-        filtered = extended_kalman_filter(model, recording, noise, i)
-        smoothed = extended_kalman_smoother(filtered, noise.Q)
+        forward = filter_to_smooth(model, recording, noise, i)
+        smoothed = extended_kalman_smoother(forward)
         v = np.empty((recording.samples - 1, model.nv))
         dt, u = np.ascontiguousarray(recording.dt), np.ascontiguousarray(recording.u)
         dependent = _noise(model.scheme, model.drift_jacobian, model.parameters, dt, u, smoothed.m, v)
@@ -150,8 +150,8 @@ def smoothed_noise(
                 "dependent, so that the data cannot tell the process noises apart; drop one of them"
             )
         parts.append(v)
-        loglik += filtered.loglik
-        singular += smoothed.singular
+        loglik += forward.loglik
+        singular += forward.singular
     return np.concatenate(parts), loglik, singular
 
 

@@ -12,11 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from noiseid_cli.errors import EstimationError
-from noiseid_cli.estimators.measurement_moment import FILTERED, LINEARISATIONS, SMOOTHED, measurement
-from noiseid_cli.estimators.process_moment import process_filtered, process_smoothed
+from noiseid_cli.estimators.extended_moments import FILTERED, LINEARISATIONS, SMOOTHED, gather_back
 from noiseid_cli.estimators.sigma_moments import measurement_sigma, process_sigma
 from noiseid_cli.filters.linalg import upper_factor
-from noiseid_cli.filters.segments import smoothed_parts
+from noiseid_cli.filters.segments import forward_parts
 from noiseid_cli.filters.sigma_filter import sigma_point_filter
 from noiseid_cli.filters.sigma_points import SigmaWeights
 from noiseid_cli.filters.sigma_rows import pair_centre
@@ -127,11 +126,11 @@ class _Gather:
         nx, nv, ny = model.nx, model.nv, model.ny
         return cls(np.zeros((nv, nv)), np.zeros((ny, ny)), np.zeros(ny), np.empty(nx), np.empty((nx, nx)))
 
-    def add(self, loglik: float, singular: int, m: Array, U: Array) -> None:
+    def add(self, loglik: float, singular: int, steps: int, m_first: Array, U_first: Array) -> None:
         self.loglik += loglik
         self.singular += singular
-        self.steps += len(m) - 1
-        self.m_first, self.U_first = m[0].copy(), U[0].copy()
+        self.steps += steps
+        self.m_first, self.U_first = m_first.copy(), U_first.copy()
 
     def join(self, other: _Gather) -> None:
         """Take in the sums of another test."""
@@ -151,22 +150,18 @@ def _extended(
     linearisation: int, block_of: Blocks | None,
 ) -> None:  # fmt: skip
     """Add one test, by the extended Kalman smoother."""
-    for part, filtered, smoothed in smoothed_parts(model, recording, noise, test):
-        gather.add(filtered.loglik, smoothed.singular, smoothed.m, smoothed.U)
+    blocks = np.empty(0, dtype=np.int64) if block_of is None else block_of
+    end: tuple[Array, Array] | None = None
+    for part, f in forward_parts(model, recording, noise, test):
+        end = end or (f.m_filt[-1].copy(), f.U_filt.copy())
         dt, u, y = (np.ascontiguousarray(a) for a in (part.dt, part.u, part.y))
-        if linearisation == FILTERED:
-            process_filtered(filtered.m_pred, smoothed.m, smoothed.U, smoothed.gain, smoothed.C, gather.sum_v)
-        else:
-            dependent = process_smoothed(
-                model.scheme, model.drift_jacobian, model.parameters, dt, u,
-                smoothed.m, smoothed.U, smoothed.gain, smoothed.C, gather.sum_v,
-            )  # fmt: skip
-            _refuse_dependent(part, dependent)
-        if block_of is not None:
-            measurement(
-                model.output_jacobian, model.parameters, u, y, filtered.m_pred, filtered.H, filtered.innovation,
-                smoothed.m, smoothed.U, UR, block_of, linearisation, gather.sum_e, gather.samples,
-            )  # fmt: skip
+        dependent = gather_back(
+            model.scheme, model.drift_jacobian, model.output_jacobian, model.parameters, dt, u, y, UR,
+            f.m_pred, f.m_filt, f.gain, f.C, f.source, f.H, f.innovation,
+            linearisation, blocks, *end, gather.sum_v, gather.sum_e, gather.samples,
+        )  # fmt: skip
+        _refuse_dependent(part, dependent)
+        gather.add(f.loglik, f.singular, part.samples - 1, *end)
 
 
 def _sigma_points(
@@ -176,7 +171,7 @@ def _sigma_points(
     """Add one test, by the sigma-point smoother."""
     filtered = sigma_point_filter(model, recording, noise, weights, test)
     smoothed = sigma_point_smoother(filtered)
-    gather.add(filtered.loglik, filtered.singular, smoothed.m, smoothed.U)
+    gather.add(filtered.loglik, filtered.singular, len(smoothed.m) - 1, smoothed.m[0], smoothed.U[0])
     centre = pair_centre(weights, model.nx)
     dt, u, y = (np.ascontiguousarray(a) for a in (recording.dt, recording.u, recording.y))
     dependent = process_sigma(

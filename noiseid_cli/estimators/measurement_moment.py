@@ -1,24 +1,11 @@
-"""Second moment of the measurement noise given the data, summed over the samples.
-
-As for the process noise, products of rows are added up, and where samples are equal only the row of the mean is new.
-"""
+"""Second moment of the measurement noise given the data: what one sample adds to the sum, completed where missing."""
 
 from __future__ import annotations
 
 import math
 
-import numpy as np
-from numba import types
-
-from noiseid_cli.filters.ekf import cube
 from noiseid_cli.filters.linalg import add_products, rows_of, triangularise
-from noiseid_cli.filters.rest import same
-from noiseid_cli.models.arrays import copy, copy_matrix
-from noiseid_cli.models.jit import kernel, routine
-from noiseid_cli.models.signatures import OutputJacobian, matrix, vector
-
-SMOOTHED, FILTERED = 0, 1
-LINEARISATIONS = {"smoothed": SMOOTHED, "filtered": FILTERED}
+from noiseid_cli.models.jit import routine
 
 
 @routine
@@ -101,54 +88,39 @@ def add_sample(E, rows, seen, UR, block_of, block, sum_e, samples, W, w):  # typ
     add_products(E, rows, sum_e)
 
 
-@kernel(
-    types.void(
-        OutputJacobian, vector, matrix, matrix, matrix, cube, matrix, matrix, cube, matrix,
-        types.int64[::1], types.int64, matrix, vector,
-    ),
-)  # fmt: skip
-def measurement(  # type: ignore[no-untyped-def]
-    output_jacobian, p, u, y, m_pred, H_pred, innovation, m, U, UR, block_of, linearisation, sum_e, samples
-):
-    """Add E[e e' | y]: rows U_k H' and the residual, completed where outputs are missing."""
-    N, n = m.shape
-    ny = y.shape[1]
-    y_hat = np.empty(ny)
-    both = np.empty((2, ny, n))
-    seen = np.empty(ny, dtype=np.bool_)
-    block = np.empty(ny, dtype=np.int64)
-    W, w = np.empty((ny, ny)), np.empty(ny)
-    E, spread, residual = np.empty((n + 1 + ny, ny)), np.empty((ny, ny)), np.empty((1, ny))
-    # Whether spread is that of the sample before, whose outputs were all measured.
-    known = False
-    for k in range(N):
-        H, H_before = both[k % 2], both[1 - k % 2]
-        if linearisation == FILTERED:
-            copy_matrix(H_pred[k], H)
-            for i in range(ny):
-                y_hat[i] = y[k, i] - innovation[k, i]
-                for j in range(n):
-                    y_hat[i] += H[i, j] * (m[k, j] - m_pred[k, j])
-        else:
-            output_jacobian(m[k], u[k], p, y_hat, H)
-        count = 0
-        for i in range(ny):
-            seen[i] = not math.isnan(y[k, i])
-            count += 1 if seen[i] else 0
-            residual[0, i] = y[k, i] - y_hat[i] if seen[i] else 0.0
-        if count == ny:
-            if not (known and same(H, H_before) and same(U[k], U[k - 1])):
-                rows_of(U[k], H, 0, ny, E, 0, 0)
-                spread[:] = 0.0
-                add_products(E, n, spread)
-            sum_e += spread
-            add_products(residual, 1, sum_e)
-            samples += 1.0
-        elif count > 0:
-            rows_of(U[k], H, 0, ny, E, 0, 0)
-            for i in range(ny):
-                if not seen[i]:
-                    E[:n, i] = 0.0
-            copy(residual[0], E[n])
-            add_sample(E, n + 1, seen, UR, block_of, block, sum_e, samples, W, w)
-        known = count == ny
+@routine
+def add_measured(y, y_hat, H, U, fresh, UR, block_of, seen, block, E, W, w, spread, sum_e, samples):  # type: ignore[no-untyped-def]
+    """Add E[e e' | y] of one sample: rows U H' and the residual, completed where outputs are missing.
+
+    Args:
+        y, y_hat: (ny,) outputs, NaN where missing, and their expectation; H: (ny, n); U: (n, n) smoothed factor.
+        fresh: whether H or U are others than in the last call, which ``spread`` (ny, ny) then is not that of.
+        UR, block_of, sum_e, samples: as in ``add_sample``.
+        seen, block, E, W, w: scratch (ny,), (ny,), (n + 1 + ny, ny), (ny, ny), (ny,).
+
+    Returns:
+        Whether ``spread`` is that of H and U now: it is not where outputs are missing.
+    """
+    ny, n = H.shape
+    count = 0
+    for i in range(ny):
+        seen[i] = not math.isnan(y[i])
+        count += 1 if seen[i] else 0
+    if count == 0:
+        return False
+    if fresh or count < ny:
+        rows_of(U, H, 0, ny, E, 0, 0)
+    if fresh and count == ny:
+        spread[:] = 0.0
+        add_products(E, n, spread)
+    for i in range(ny):
+        if not seen[i]:
+            E[:n, i] = 0.0
+        E[n, i] = y[i] - y_hat[i] if seen[i] else 0.0
+    if count == ny:
+        sum_e += spread
+        add_products(E[n:], 1, sum_e)
+        samples += 1.0
+    else:
+        add_sample(E, n + 1, seen, UR, block_of, block, sum_e, samples, W, w)
+    return count == ny

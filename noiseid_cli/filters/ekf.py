@@ -1,21 +1,23 @@
 """The extended Kalman filter in square-root array form.
 
 Model (axelsson2011_poster, eq. 1): x_{k+1} = F1(x_k, u_k) + F2(x_k) v_k, y_k = h(x_k, u_k) + e_k, x_1 ~ N(m0, P0).
-Each update and each prediction is one orthogonal triangularisation (Kailath, Sayed & Hassibi, Linear Estimation,
-ch. 12); factors are upper triangles U with P = U'U, see ``filters.linalg``.
+One step of it: ``ekf_steps``; factors are upper triangles U with P = U'U, see ``filters.linalg``.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import types
 
 from noiseid_cli.errors import NoiseidError
-from noiseid_cli.filters.linalg import rows_of, triangularise, upper_factor
-from noiseid_cli.filters.rest import at_rest, copy, same
+from noiseid_cli.filters.ekf_steps import correct, predict, predict_joint, update
+from noiseid_cli.filters.linalg import upper_factor
+from noiseid_cli.filters.rest import at_rest, same
+from noiseid_cli.models.arrays import copy_matrix
 from noiseid_cli.models.compiled import CompiledModel
 from noiseid_cli.models.discretisation import transition, workspace
 from noiseid_cli.models.jit import kernel, routine
@@ -23,7 +25,7 @@ from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.models.recording import Array, Recording
 from noiseid_cli.models.signatures import DriftJacobian, OutputJacobian, matrix, vector
 
-OK, NOT_FINITE, SINGULAR_INNOVATION = 0, 1, 2
+OK, NOT_FINITE, SINGULAR_INNOVATION, ROWS_LACKING = 0, 1, 2, -1
 _WHY = {
     NOT_FINITE: "the estimate is no longer finite",
     SINGULAR_INNOVATION: "the innovation covariance is singular (an output is exactly known beforehand)",
@@ -34,7 +36,6 @@ _WHY = {
 }
 
 cube = types.float64[:, :, ::1]
-LOG_2PI = math.log(2.0 * math.pi)
 
 
 class FilterDivergedError(NoiseidError):
@@ -122,7 +123,21 @@ def extended_kalman_filter(
     F, G, H = np.empty((N - 1, n, n)), np.empty((N - 1, n, nv)), np.empty((N, ny, n))
     innovation = np.empty((N, ny))
     m_pred[0], U_pred[0] = start or (noise.m0[test], upper_factor(noise.P0, "the initial covariance P0"))
-    code, step, loglik = _filter(
+    arrays = (m_pred, U_pred, m_filt, U_filt, F, G, H, innovation)
+    unwanted = (np.empty((0, n + nv, n)), np.empty((0, nv, n + nv)), np.empty(0, dtype=np.int64))
+    code, step, loglik, _ = run_filter(*problem_of(model, recording, noise), *arrays, *unwanted)
+    if code != OK:
+        raise FilterDivergedError(code, step, recording)
+    return Filtered(m_pred, U_pred, m_filt, U_filt, F, G, H, innovation, noise.R, loglik)
+
+
+def problem_of(model: CompiledModel, recording: Recording, noise: NoiseValues) -> tuple[Any, ...]:
+    """What ``run_filter`` reads: the model, the test and the factors of Q and R.
+
+    Raises:
+        EstimationError: a covariance is not symmetric positive semidefinite.
+    """
+    return (
         model.scheme,
         model.drift_jacobian,
         model.output_jacobian,
@@ -132,114 +147,7 @@ def extended_kalman_filter(
         np.ascontiguousarray(recording.y),
         upper_factor(noise.Q, "the process noise covariance Q"),
         upper_factor(noise.R, "the measurement noise covariance R"),
-        m_pred,
-        U_pred,
-        m_filt,
-        U_filt,
-        F,
-        G,
-        H,
-        innovation,
     )
-    if code != OK:
-        raise FilterDivergedError(code, step, recording)
-    return Filtered(m_pred, U_pred, m_filt, U_filt, F, G, H, innovation, noise.R, loglik)
-
-
-@routine
-def update(m, U, H, innovation, UR, m_out, U_out, W, w, e):  # type: ignore[no-untyped-def]
-    """Measurement update: one triangularisation of [UR 0; U H', U] over the observed outputs.
-
-    It gives [US, US^-T H P; 0, U_filt], S = US'US. Writes m_out, U_out; returns the log-likelihood of the
-    innovation, NaN if S is singular.
-
-    Args:
-        m, U: predicted mean (n,) and factor (n, n).
-        H: (ny, n); innovation: (ny,), NaN where missing; UR: (ny, ny) factor of R.
-        m_out, U_out: outputs, may not alias U.
-        W, w, e: scratch (ny + n, ny + n), (ny + n,), (ny,).
-    """
-    ny, n = H.shape
-    q = 0
-    for i in range(ny):
-        if math.isnan(innovation[i]):
-            continue
-        for r in range(ny):
-            W[r, q] = UR[r, i]
-        rows_of(U, H, i, 1, W, ny, q)
-        e[q] = innovation[i]
-        q += 1
-    for c in range(n):
-        for r in range(ny):
-            W[r, q + c] = 0.0
-        for r in range(n):
-            W[ny + r, q + c] = U[r, c]
-    if q == 0:
-        for c in range(n):
-            m_out[c] = m[c]
-            for r in range(n):
-                U_out[r, c] = U[r, c] if r <= c else 0.0
-        return 0.0
-    return condition(W, ny + n, q, m, e, m_out, U_out, w)
-
-
-@routine
-def condition(W, rows, q, m, e, m_out, U_out, w):  # type: ignore[no-untyped-def]
-    """Mean and factor of x given y from rows of the joint factor of (y, x), by one triangularisation.
-
-    Args:
-        W: (>= rows, >= q + n), factor rows of the q observed outputs and of the state; overwritten.
-        rows, q: the part of W in use.
-        m: (n,) predicted mean; e: (>= q,) innovations, overwritten by the whitened ones.
-        m_out, U_out: outputs (n,), (n, n).
-        w: scratch (>= q + n,).
-
-    Returns:
-        The log-likelihood of the innovations, NaN if their covariance is singular.
-    """
-    n = m.shape[0]
-    triangularise(W, rows, q + n, q + n, w)
-    for r in range(n):
-        for c in range(n):
-            U_out[r, c] = W[q + r, q + c] if r <= c else 0.0
-    return correct(W, q, m, e, m_out)
-
-
-@routine
-def correct(W, q, m, e, m_out):  # type: ignore[no-untyped-def]
-    """Mean of x given y from the triangularised joint factor of (y, x), see ``condition``, which it is a part of."""
-    n = m.shape[0]
-    loglik = -0.5 * q * LOG_2PI
-    for i in range(q):
-        for j in range(i):
-            e[i] -= W[j, i] * e[j]
-        if W[i, i] == 0.0:
-            return math.nan
-        e[i] /= W[i, i]
-        loglik -= 0.5 * e[i] * e[i] + math.log(W[i, i])
-    for c in range(n):
-        m_out[c] = m[c]
-        for i in range(q):
-            m_out[c] += W[i, q + c] * e[i]
-    return loglik
-
-
-@routine
-def predict(U, F, G, UQ, U_out, W, w):  # type: ignore[no-untyped-def]
-    """Time update of the factor: U_out from one triangularisation of [U F'; UQ G'].
-
-    Args:
-        U: (n, n) filtered factor; F: (n, n); G: (n, nv); UQ: (nv, nv) factor of Q.
-        U_out: (n, n) predicted factor.
-        W, w: scratch (n + nv, n), (n,).
-    """
-    n, nv = G.shape
-    rows_of(U, F, 0, n, W, 0, 0)
-    rows_of(UQ, G, 0, n, W, n, 0)
-    triangularise(W, n + nv, n, n, w)
-    for r in range(n):
-        for c in range(n):
-            U_out[r, c] = W[r, c]
 
 
 @routine
@@ -252,37 +160,45 @@ def _same_measured(innovation, other):  # type: ignore[no-untyped-def]
 
 
 @kernel(
-    types.Tuple((types.int64, types.int64, types.float64))(
+    types.Tuple((types.int64, types.int64, types.float64, types.int64))(
         types.int64, DriftJacobian, OutputJacobian, vector, vector, matrix, matrix, matrix, matrix,
-        matrix, cube, matrix, cube, cube, cube, cube, matrix,
+        matrix, cube, matrix, cube, cube, cube, cube, matrix, cube, cube, types.int64[::1],
     ),
 )  # fmt: skip
-def _filter(  # type: ignore[no-untyped-def]
+def run_filter(  # type: ignore[no-untyped-def]
     scheme, drift_jacobian, output_jacobian, p, dt, u, y, UQ, UR,
-    m_pred, U_pred, m_filt, U_filt, F, G, H, innovation,
+    m_pred, U_pred, m_filt, U_filt, F, G, H, innovation, gain, C, source,
 ):  # fmt: skip
-    """Run the filter; the arrays from m_pred on are written. Returns (code, sample, log-likelihood).
+    """Run the filter; the arrays from m_pred on are written.
 
-    Where the steps are equal and the covariances have come to rest, only the means are computed, see ``rest``.
+    Where the steps are equal and the covariances have come to rest, only the means are computed, see ``rest``. Given
+    arrays for gain and C, see ``predict_joint``, it gathers what a smoother needs; source[k] is where step k has its
+    own. U_pred, U_filt, F and G may then have room for two samples only, which are used in turns.
+
+    Returns:
+        Code, sample, log-likelihood, and number of singular predictions, which are counted for a smoother.
     """
     N, n = m_pred.shape
     nv = UQ.shape[0]
     ny = UR.shape[0]
+    joint = len(gain) > 0
+    turns = len(U_pred) < N
     y_hat = np.empty(ny)
-    W = np.empty((ny + n, ny + n))
-    w = np.empty(ny + n)
-    e = np.empty(ny)
-    W_pred = np.empty((n + nv, n))
+    W, w, e = np.empty((ny + n, ny + n)), np.empty(2 * n + nv + ny), np.empty(ny)
+    W_pred = np.empty((n + nv, 2 * n + nv if joint else n))
+    pivot_column = np.empty(n, dtype=np.int64)
     work = workspace(n, nv)
     before = np.empty((n, n))
     alike, rests = 0, False
     loglik = 0.0
+    rank, singular = n, 0
     for k in range(N):
+        now, last, after = (k % 2, 1 - k % 2, 1 - k % 2) if turns else (k, k - 1, k + 1)
         output_jacobian(m_pred[k], u[k], p, y_hat, H[k])
         for i in range(ny):
             innovation[k, i] = y[k, i] - y_hat[i]
             if not math.isfinite(innovation[k, i]) and math.isfinite(y[k, i]):
-                return NOT_FINITE, k, math.nan
+                return NOT_FINITE, k, math.nan, singular
         equal = k > 0 and same(H[k], H[k - 1]) and _same_measured(innovation[k], innovation[k - 1])
         rests = rests and equal
         if rests:
@@ -292,24 +208,33 @@ def _filter(  # type: ignore[no-untyped-def]
                 if not math.isnan(innovation[k, i]):
                     e[q] = innovation[k, i]
                     q += 1
-            gain = correct(W, q, m_pred[k], e, m_filt[k])
-            copy(U_filt[k - 1], U_filt[k])
+            rise = correct(W, q, m_pred[k], e, m_filt[k])
+            copy_matrix(U_filt[last], U_filt[now])
         else:
-            gain = update(m_pred[k], U_pred[k], H[k], innovation[k], UR, m_filt[k], U_filt[k], W, w, e)
-        if not math.isfinite(gain):
-            return SINGULAR_INNOVATION if math.isnan(gain) else NOT_FINITE, k, math.nan
-        loglik += gain
+            rise = update(m_pred[k], U_pred[now], H[k], innovation[k], UR, m_filt[k], U_filt[now], W, w, e)
+        if not math.isfinite(rise):
+            return SINGULAR_INNOVATION if math.isnan(rise) else NOT_FINITE, k, math.nan, singular
+        loglik += rise
         for i in range(n):
-            if not math.isfinite(m_filt[k, i]) or not math.isfinite(U_filt[k, i, i]):
-                return NOT_FINITE, k, math.nan
-        if k < N - 1:
-            transition(scheme, drift_jacobian, m_filt[k], u[k], dt[k], p, m_pred[k + 1], F[k], G[k], work)
-            equal = equal and same(F[k], F[k - 1]) and same(G[k], G[k - 1])
-            rests = rests and equal
-            if rests:
-                copy(U_pred[k], U_pred[k + 1])
-            else:
-                predict(U_filt[k], F[k], G[k], UQ, U_pred[k + 1], W_pred, w)
-                alike = alike + 1 if equal else 0
-                rests = at_rest(U_pred[k + 1], n + max(nv, ny), before, alike)
-    return OK, N, loglik
+            if not math.isfinite(m_filt[k, i]) or not math.isfinite(U_filt[now, i, i]):
+                return NOT_FINITE, k, math.nan, singular
+        if k == N - 1:
+            break
+        transition(scheme, drift_jacobian, m_filt[k], u[k], dt[k], p, m_pred[k + 1], F[now], G[now], work)
+        equal = equal and same(F[now], F[last]) and same(G[now], G[last])
+        rests = rests and equal
+        if rests:
+            copy_matrix(U_pred[now], U_pred[after])
+        elif joint:
+            rank = predict_joint(U_filt[now], F[now], G[now], UQ, U_pred[after], gain[k], C[k], W_pred, pivot_column, w)
+        else:
+            predict(U_filt[now], F[now], G[now], UQ, U_pred[after], W_pred, w)
+        if joint:
+            source[k] = source[k - 1] if rests else k
+            singular += rank < n
+            if rank + C.shape[1] < n + nv:
+                return ROWS_LACKING, k, math.nan, singular
+        if not rests:
+            alike = alike + 1 if equal else 0
+            rests = at_rest(U_pred[after], n + max(nv, ny), before, alike)
+    return OK, N, loglik, singular

@@ -15,7 +15,8 @@ from numba import types
 from numpy.typing import NDArray
 
 from noiseid_cli.errors import EstimationError
-from noiseid_cli.filters.ekf import NOT_FINITE, OK, SINGULAR_INNOVATION, FilterDivergedError, predict, update
+from noiseid_cli.filters.ekf import NOT_FINITE, OK, SINGULAR_INNOVATION, FilterDivergedError
+from noiseid_cli.filters.ekf_steps import predict, update
 from noiseid_cli.filters.linalg import upper_factor
 from noiseid_cli.models.compiled import CompiledModel
 from noiseid_cli.models.discretisation import transition, workspace

@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from noiseid_cli.filters.linalg import EPS
+from noiseid_cli.models.arrays import copy_matrix
 from noiseid_cli.models.jit import routine
 
 FIRST = 16
@@ -28,15 +29,6 @@ def same(A, B):  # type: ignore[no-untyped-def]
         if different > 0:
             return False
     return True
-
-
-@routine
-def copy(A, B):  # type: ignore[no-untyped-def]
-    """Write A to B, which does not overlap it."""
-    columns = np.uint64(A.shape[1])
-    for i in range(np.uint64(A.shape[0])):
-        for j in range(columns):
-            B[i, j] = A[i, j]
 
 
 @routine
@@ -61,5 +53,5 @@ def at_rest(U, rows, before, alike):  # type: ignore[no-untyped-def]
             change += (U[r, c] - before[r, c]) ** 2
         if not change <= (4.0 * rows * EPS) ** 2 * length:
             rests = False
-    copy(U, before)
+    copy_matrix(U, before)
     return rests

@@ -1,4 +1,4 @@
-"""The extended smoother in bounded memory: a long test is smoothed in segments, from the last to the first.
+"""Smoothing in bounded memory: a long test is taken in segments, from the last to the first.
 
 A first run of the filter keeps the prediction at the start of each segment only; on the way back each one is filtered
 anew and smoothed from the state that the later one has left at its end. That costs one more run of the filter.
@@ -12,35 +12,34 @@ from typing import NamedTuple
 
 import numpy as np
 
-from noiseid_cli.filters.ekf import FilterDivergedError, Filtered, extended_kalman_filter
-from noiseid_cli.filters.smoother import Smoothed, extended_kalman_smoother
+from noiseid_cli.filters.ekf import FilterDivergedError
+from noiseid_cli.filters.smoother import Forward, filter_to_smooth
 from noiseid_cli.models.compiled import CompiledModel
 from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.models.recording import Array, Recording
 
 ROOM = 2**28
-"""Bytes that filter and smoother may take for one test, before it is smoothed in segments [chosen]."""
+"""Bytes that the filter's results may take for one test, before it is taken in segments [chosen]."""
 
 
 class Part(NamedTuple):
-    """A segment with its results; its last sample, which the next segment shares, has no output."""
+    """A segment with the filter's run; its last sample, which the next segment shares, has no output."""
 
     recording: Recording
-    filtered: Filtered
-    smoothed: Smoothed
+    forward: Forward
 
 
 def segment_length(model: CompiledModel, room: int = ROOM) -> int:
-    """Samples whose filtered and smoothed results take ``room`` bytes; at least one."""
+    """Samples for which the filter's results take ``room`` bytes; at least one."""
     n, nv, ny = model.nx, model.nv, model.ny
-    numbers = 3 * n + 5 * n * n + 2 * n * nv + ny * (n + 1) + nv * (n + nv)
+    numbers = 2 * n + (n + nv) * (n + nv) + ny * (n + 1) + 1
     return max(1, room // (8 * numbers))
 
 
-def smoothed_parts(
+def forward_parts(
     model: CompiledModel, recording: Recording, noise: NoiseValues, test: int, room: int = ROOM
 ) -> Iterator[Part]:
-    """Filter and smooth one test; the parts come from the last to the first, most tests being one part.
+    """Filter one test; the parts come from the last to the first, most tests being one part.
 
     Log-likelihoods, steps and measured samples of the parts add up to those of the test.
 
@@ -49,26 +48,21 @@ def smoothed_parts(
     """
     N, length = recording.samples, segment_length(model, room)
     if length >= N:
-        filtered = extended_kalman_filter(model, recording, noise, test)
-        yield Part(recording, filtered, extended_kalman_smoother(filtered, noise.Q))
+        yield Part(recording, filter_to_smooth(model, recording, noise, test))
         return
     cuts = range(0, N - 1, length)
     starts: list[tuple[Array, Array] | None] = [None]
     for cut in cuts:
         part = _part(recording, cut, length)
         try:
-            filtered = extended_kalman_filter(model, part, noise, test, starts[-1])
+            forward = filter_to_smooth(model, part, noise, test, starts[-1])
         except FilterDivergedError as error:
             raise FilterDivergedError(error.code, cut + error.step, recording) from None
-        starts.append((filtered.m_pred[-1].copy(), filtered.U_pred[-1].copy()))
-    end: tuple[Array, Array] | None = None
-    for cut, start in zip(reversed(cuts), reversed(starts[:-1]), strict=True):
-        if end is not None:
-            part = _part(recording, cut, length)
-            filtered = extended_kalman_filter(model, part, noise, test, start)
-        smoothed = extended_kalman_smoother(filtered, noise.Q, end)
-        end = smoothed.m[0].copy(), smoothed.U[0].copy()
-        yield Part(part, filtered, smoothed)
+        starts.append((forward.m_pred[-1].copy(), forward.U_pred))
+    yield Part(part, forward)
+    for cut, start in zip(reversed(cuts[:-1]), reversed(starts[:-2]), strict=True):
+        part = _part(recording, cut, length)
+        yield Part(part, filter_to_smooth(model, part, noise, test, start))
 
 
 def _part(recording: Recording, cut: int, length: int) -> Recording:

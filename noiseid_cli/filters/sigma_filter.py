@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import types
 
-from noiseid_cli.filters.ekf import NOT_FINITE, OK, SINGULAR_INNOVATION, FilterDivergedError, condition, cube
+from noiseid_cli.filters.ekf import NOT_FINITE, OK, SINGULAR_INNOVATION, FilterDivergedError, cube
+from noiseid_cli.filters.ekf_steps import condition
 from noiseid_cli.filters.linalg import echelon, triangularise, upper_factor
 from noiseid_cli.filters.sigma_points import SigmaWeights, draw
 from noiseid_cli.filters.sigma_rows import pair_centre, split

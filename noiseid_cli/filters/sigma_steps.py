@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 
-from noiseid_cli.filters.ekf import LOG_2PI, NOT_FINITE, OK, SINGULAR_INNOVATION
+from noiseid_cli.filters.ekf import NOT_FINITE, OK, SINGULAR_INNOVATION
+from noiseid_cli.filters.ekf_steps import LOG_2PI
 from noiseid_cli.filters.factors import downdate, weighted_rank_one
 from noiseid_cli.filters.linalg import EPS, backward_solve, forward_solve, triangularise
 from noiseid_cli.models.arrays import copy, copy_matrix

@@ -1,13 +1,9 @@
 """The extended Kalman (Rauch-Tung-Striebel) smoother in square-root array form.
 
-Backward from the filter's results. One triangularisation of the joint of (x_{k+1}, x_k, v_k) given y_1..y_k,
-
-    [U F'   U  0 ]      [U_pred  R12]
-    [UQ G'  0  UQ]  ->  [0       C  ],
-
-gives the gain X' = U_pred^-1 R12 of (x_k, v_k) on x_{k+1} and the factor C of Cov(x_k, v_k | x_{k+1}, y_1..y_k).
-Nothing is subtracted and no covariance is inverted (Park & Kailath 1995, square-root RTS; with the noise as a further
-row it is the disturbance smoother as well).
+The filter's run towards a smoother keeps of each step the gain of (x_k, v_k) on x_{k+1} and the factor C of what
+x_{k+1} leaves open of them, see ``ekf_steps.predict_joint``; the way back only carries the mean and one factor. Nothing
+is subtracted and no covariance is inverted (Park & Kailath 1995, square-root RTS; with the noise as a further row it
+is the disturbance smoother as well).
 """
 
 from __future__ import annotations
@@ -17,12 +13,48 @@ from dataclasses import dataclass
 import numpy as np
 from numba import types
 
-from noiseid_cli.filters.ekf import Filtered, cube
-from noiseid_cli.filters.linalg import echelon, rows_of, triangularise, upper_factor
-from noiseid_cli.filters.rest import at_rest, copy, same
+from noiseid_cli.filters.ekf import OK, ROWS_LACKING, FilterDivergedError, cube, problem_of, run_filter
+from noiseid_cli.filters.linalg import rows_of, triangularise, upper_factor
+from noiseid_cli.filters.rest import at_rest
+from noiseid_cli.models.arrays import copy_matrix
+from noiseid_cli.models.compiled import CompiledModel
 from noiseid_cli.models.jit import kernel, routine
-from noiseid_cli.models.recording import Array
+from noiseid_cli.models.noise import NoiseValues
+from noiseid_cli.models.recording import Array, Recording
 from noiseid_cli.models.signatures import matrix
+
+Index = np.ndarray[tuple[int], np.dtype[np.int64]]
+
+
+@dataclass(frozen=True)
+class Forward:
+    """What a smoother needs of the filter's run over one test; k|k-1 is "pred", k|k is "filt".
+
+    Attributes:
+        m_pred, m_filt: (N, nx) means.
+        U_pred, U_filt: (nx, nx) upper factors at the last sample.
+        gain: (N-1, nx + nv, nx) gain of (x_k, v_k) on x_{k+1}, and C: (N-1, rows, nx + nv) factor of
+            Cov(x_k, v_k | x_{k+1}, y_1..y_k), rows = nv or, for a singular model, more; both are those of step k
+            at source[k], since equal steps share theirs.
+        source: (N-1,) indices.
+        H: (N, ny, nx) dh/dx at m_pred[k].
+        innovation: (N, ny) y[k] - h(m_pred[k], u[k]); NaN where y is missing.
+        loglik: log-likelihood of the observed outputs.
+        singular: number of predictions whose covariance was singular; there the gain has no component along the
+            directions that carry no uncertainty.
+    """
+
+    m_pred: Array
+    U_pred: Array
+    m_filt: Array
+    U_filt: Array
+    gain: Array
+    C: Array
+    source: Index
+    H: Array
+    innovation: Array
+    loglik: float
+    singular: int
 
 
 @dataclass(frozen=True)
@@ -33,9 +65,8 @@ class Smoothed:
         m: (N, nx) smoothed means.
         U: (N, nx, nx) upper factors of the smoothed covariances, P = U'U.
         gain: (N-1, nx + nv, nx) gain of (x_k, v_k) on x_{k+1}.
-        C: (N-1, rows, nx + nv) factor of Cov(x_k, v_k | x_{k+1}, y_1..y_k); rows = nv, more for a singular model.
-        singular: number of predictions whose covariance was singular; there the gain has no component along the
-            directions that carry no uncertainty.
+        C: (N-1, rows, nx + nv) factor of Cov(x_k, v_k | x_{k+1}, y_1..y_k).
+        singular: see ``Forward``.
     """
 
     m: Array
@@ -61,116 +92,104 @@ class Smoothed:
         return self.P[1:] @ self.gain[:, :n].transpose(0, 2, 1)
 
 
-def extended_kalman_smoother(filtered: Filtered, Q: Array, end: tuple[Array, Array] | None = None) -> Smoothed:
+def filter_to_smooth(
+    model: CompiledModel,
+    recording: Recording,
+    noise: NoiseValues,
+    test: int = 0,
+    start: tuple[Array, Array] | None = None,
+) -> Forward:
+    """Run the extended Kalman filter over one test and keep what a smoother needs.
+
+    Args:
+        model, recording, noise, test, start: as in ``ekf.extended_kalman_filter``.
+
+    Raises:
+        FilterDivergedError: with the sample where it happened.
+        EstimationError: a covariance is not symmetric positive semidefinite.
+    """
+    N, n, nv, ny = recording.samples, model.nx, model.nv, model.ny
+    m_pred, m_filt = np.empty((N, n)), np.empty((N, n))
+    U_pred, U_filt, F, G = (np.empty((2, n, columns)) for columns in (n, n, n, nv))
+    H, innovation = np.empty((N, ny, n)), np.empty((N, ny))
+    gain, source = np.empty((N - 1, n + nv, n)), np.empty(N - 1, dtype=np.int64)
+    first = start or (noise.m0[test], upper_factor(noise.P0, "the initial covariance P0"))
+    problem = problem_of(model, recording, noise)
+    # nv rows hold C wherever the predicted covariance is regular, n + nv always do.
+    for rows in (nv, n + nv):
+        C = np.empty((N - 1, rows, n + nv))
+        m_pred[0], U_pred[0] = first
+        arrays = (m_pred, U_pred, m_filt, U_filt, F, G, H, innovation, gain, C, source)
+        code, step, loglik, singular = run_filter(*problem, *arrays)
+        if code != ROWS_LACKING:
+            break
+    if code != OK:
+        raise FilterDivergedError(code, step, recording)
+    last = (N - 1) % 2
+    return Forward(m_pred, U_pred[last], m_filt, U_filt[last], gain, C, source, H, innovation, loglik, singular)
+
+
+def extended_kalman_smoother(forward: Forward, end: tuple[Array, Array] | None = None) -> Smoothed:
     """Smooth one test.
 
     Args:
-        filtered: the filter's results, obtained with the same Q.
-        Q: (nv, nv) process noise covariance.
+        forward: the filter's run.
         end: smoothed mean (nx,) and upper factor (nx, nx) of the last sample, where later ones have been smoothed.
     """
-    N, n = filtered.m_filt.shape
-    nv = filtered.G.shape[2]
-    UQ = upper_factor(Q, "the process noise covariance Q")
-    m, U, gain = np.empty((N, n)), np.empty((N, n, n)), np.empty((N - 1, n + nv, n))
-    f = filtered
-    m[-1], U[-1] = end or (f.m_filt[-1], f.U_filt[-1])
-    # nv rows hold C wherever P_pred is regular, n + nv always do.
-    for rows in (nv, n + nv):
-        C = np.empty((N - 1, rows, n + nv))
-        singular, fits = _smooth(f.m_pred, f.m_filt, f.U_filt, f.F, f.G, UQ, m, U, gain, C)
-        if fits:
-            break
-    return Smoothed(m, U, gain, C, singular)
+    f = forward
+    N, n = f.m_filt.shape
+    m, U = np.empty((N, n)), np.empty((N, n, n))
+    m[-1], U[-1] = end or (f.m_filt[-1], f.U_filt)
+    _smooth(f.m_pred, f.m_filt, f.gain, f.C, f.source, m, U)
+    return Smoothed(m, U, f.gain[f.source], f.C[f.source], f.singular)
 
 
 @routine
-def backward_gain(U, F, G, UQ, gain, C, W, pivot_column, w):  # type: ignore[no-untyped-def]
-    """The triangularisation of the module's text. Writes gain (n + nv, n) and C (rows, n + nv).
+def carry_mean(m_filt, m_pred_next, m_next, gain, m):  # type: ignore[no-untyped-def]
+    """Write the smoothed mean of x_k to m, given that of x_{k+1}."""
+    n = m.shape[0]
+    for i in range(n):
+        m[i] = m_filt[i]
+        for j in range(n):
+            m[i] += gain[i, j] * (m_next[j] - m_pred_next[j])
 
-    Where the predicted covariance is singular, the gain has no component along directions that the others determine.
-    Returns the rank of the predicted covariance.
+
+@routine
+def carry_factor(U_next, gain, C, U, W, w):  # type: ignore[no-untyped-def]
+    """Write the factor of the smoothed covariance of x_k to U, given that of x_{k+1}.
+
+    It is that of [C_x; U_next X'], the part of x_k that x_{k+1} leaves open and the part that it carries.
+    W (>= rows + n, n) and w (n,) are scratch.
     """
-    n, nv = G.shape
-    rows_of(U, F, 0, n, W, 0, 0)
-    rows_of(UQ, G, 0, n, W, n, 0)
+    n, rows = U.shape[0], C.shape[0]
+    for r in range(rows):
+        for c in range(n):
+            W[r, c] = C[r, c]
+    rows_of(U_next, gain, 0, n, W, rows, 0)
+    triangularise(W, rows + n, n, n, w)
     for r in range(n):
         for c in range(n):
-            W[r, n + c] = U[r, c] if r <= c else 0.0
-        for c in range(nv):
-            W[r, 2 * n + c] = 0.0
-    for r in range(nv):
-        for c in range(n):
-            W[n + r, n + c] = 0.0
-        for c in range(nv):
-            W[n + r, 2 * n + c] = UQ[r, c]
-    rank = echelon(W, n + nv, 2 * n + nv, n, pivot_column, w)
-    for r in range(C.shape[0]):
-        for c in range(n + nv):
-            C[r, c] = W[rank + r, n + c] if rank + r < n + nv else 0.0
-    # Back-substitution over the pivot columns: gain' = W[:, :n]^-1 W[:, n:].
-    gain[:] = 0.0
-    one, end = np.uint64(1), np.uint64(rank)
-    for back in range(rank):
-        i = np.uint64(rank - 1 - back)
-        pivot = np.uint64(pivot_column[i])
-        scale = 1.0 / W[i, pivot]
-        for j in range(np.uint64(n + nv)):
-            total = W[i, np.uint64(n) + j]
-            for c in range(i + one, end):
-                other = np.uint64(pivot_column[c])
-                total -= W[i, other] * gain[j, other]
-            gain[j, pivot] = scale * total
-    return rank
+            U[r, c] = W[r, c]
 
 
-@kernel(
-    types.Tuple((types.int64, types.boolean))(matrix, matrix, cube, cube, cube, matrix, matrix, cube, cube, cube),
-)  # fmt: skip
-def _smooth(m_pred, m_filt, U_filt, F, G, UQ, m, U, gain, C):  # type: ignore[no-untyped-def]
-    """Run the smoother; m, U, gain and C are written, m and U before the last sample.
+@kernel(types.void(matrix, matrix, cube, cube, types.int64[::1], matrix, cube))
+def _smooth(m_pred, m_filt, gain, C, source, m, U):  # type: ignore[no-untyped-def]
+    """Run the smoother; m and U are written before the last sample.
 
-    Where the filter's steps are equal the gain is that of the later one, and so is U once it has come to rest.
-
-    Returns the number of singular predictions, and whether C had rows enough for them.
+    Where steps are equal and U has come to rest, it is that of the later sample, see ``rest``.
     """
     N, n = m_filt.shape
-    nv = UQ.shape[0]
     rows = C.shape[1]
-    W = np.empty((max(n + nv, rows + n), 2 * n + nv))
-    w = np.empty(2 * n + nv)
-    pivot_column = np.empty(n, dtype=np.int64)
-    before = np.empty((n, n))
+    W, w, before = np.empty((rows + n, n)), np.empty(n), np.empty((n, n))
     alike, rests = 0, False
-    rank, singular = n, 0
     for k in range(N - 2, -1, -1):
-        equal = k < N - 2 and same(F[k], F[k + 1]) and same(G[k], G[k + 1]) and same(U_filt[k], U_filt[k + 1])
+        s = source[k]
+        equal = k < N - 2 and s == source[k + 1]
         rests = rests and equal
-        if equal:
-            copy(gain[k + 1], gain[k])
-            copy(C[k + 1], C[k])
-        else:
-            rank = backward_gain(U_filt[k], F[k], G[k], UQ, gain[k], C[k], W, pivot_column, w)
-        if rank < n:
-            singular += 1
-            if rank + rows < n + nv:
-                return singular, False
-        # Smoothed covariance: [C_x; U_{k+1} X'], the part of x_k that x_{k+1} leaves open and the part it carries.
-        for i in range(n):
-            m[k, i] = m_filt[k, i]
-            for j in range(n):
-                m[k, i] += gain[k, i, j] * (m[k + 1, j] - m_pred[k + 1, j])
+        carry_mean(m_filt[k], m_pred[k + 1], m[k + 1], gain[s], m[k])
         if rests:
-            copy(U[k + 1], U[k])
+            copy_matrix(U[k + 1], U[k])
             continue
-        for r in range(rows):
-            for c in range(n):
-                W[r, c] = C[k, r, c]
-        rows_of(U[k + 1], gain[k], 0, n, W, rows, 0)
-        triangularise(W, rows + n, n, n, w)
-        for r in range(n):
-            for c in range(n):
-                U[k, r, c] = W[r, c]
+        carry_factor(U[k + 1], gain[s], C[s], U[k], W, w)
         alike = alike + 1 if equal else 0
         rests = at_rest(U[k], rows + n, before, alike)
-    return singular, True

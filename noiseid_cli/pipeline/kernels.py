@@ -24,7 +24,7 @@ def kernels_announced(say: Callable[[str], None], compiling: Callable[[int, str]
 
     Args:
         say: gets a sentence before the first one, and one at the end: how many there were and how long it took.
-        compiling: gets the number and the name of each, such as ``3, ekf._filter``, before it is compiled.
+        compiling: gets the number and the name of each, such as ``3, ekf.run_filter``, before it is compiled.
     """
     from numba.core import event
 

@@ -13,7 +13,8 @@ from noiseid_cli.estimators.alg3 import Alg3Options, smoothed_noise
 from noiseid_cli.estimators.em_statistics import e_step
 from noiseid_cli.estimators.structure import CovarianceStructure
 from noiseid_cli.estimators.unknowns import Unknowns
-from noiseid_cli.filters.ekf import FilterDivergedError, extended_kalman_filter
+from noiseid_cli.filters.ekf import FilterDivergedError
+from noiseid_cli.filters.smoother import filter_to_smooth
 from noiseid_cli.models.linear import linear_model
 from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.models.recording import Recording
@@ -176,9 +177,9 @@ def test_divergence_at_the_start_and_later(monkeypatch):
         runs.append(args)
         if len(runs) == fails_at:
             raise FilterDivergedError(1, 3, recording)
-        return extended_kalman_filter(*args)
+        return filter_to_smooth(*args)
 
-    monkeypatch.setattr(alg3, "extended_kalman_filter", failing)
+    monkeypatch.setattr(alg3, "filter_to_smooth", failing)
     fails_at = 3
     result = alg3.estimate(model, [recording], with_Q(noise, noise.Q * 50), unknown(noise.Q * 50))
     assert (result.status, result.passes) == ("diverged", 2)

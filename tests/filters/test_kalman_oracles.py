@@ -8,7 +8,7 @@ from random_models import random_case
 
 from noiseid_cli.errors import EstimationError
 from noiseid_cli.filters.ekf import FilterDivergedError, extended_kalman_filter
-from noiseid_cli.filters.smoother import extended_kalman_smoother
+from noiseid_cli.filters.smoother import extended_kalman_smoother, filter_to_smooth
 from noiseid_cli.models.linear import linear_model
 from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.models.recording import Recording
@@ -29,8 +29,8 @@ def test_smoother_equals_the_dense_joint_gaussian(seed):
     mean, cov, loglik = dense_posterior(
         case.A, case.B, case.G, case.C, case.D, recording, noise.Q, noise.R, noise.m0[0], noise.P0
     )
-    filtered = extended_kalman_filter(case.model, recording, noise)
-    smoothed = extended_kalman_smoother(filtered, noise.Q)
+    filtered = filter_to_smooth(case.model, recording, noise)
+    smoothed = extended_kalman_smoother(filtered)
 
     assert abs(filtered.loglik - loglik) <= 1e-11 * (1 + abs(loglik))
     assert close(smoothed.m.ravel(), mean[: N * n], 1e-10)
@@ -51,8 +51,8 @@ def test_noise_part_of_the_smoother_is_the_dense_posterior_of_v(seed):
     mean, cov, _ = dense_posterior(
         case.A, case.B, case.G, case.C, case.D, recording, noise.Q, noise.R, noise.m0[0], noise.P0
     )
-    filtered = extended_kalman_filter(case.model, recording, noise)
-    smoothed = extended_kalman_smoother(filtered, noise.Q)
+    filtered = filter_to_smooth(case.model, recording, noise)
+    smoothed = extended_kalman_smoother(filtered)
     for k in range(N - 1):
         v = slice(N * n + k * nv, N * n + (k + 1) * nv)
         Xv, Cv = smoothed.gain[k, n:], smoothed.C[k][:, n:]
@@ -75,7 +75,7 @@ def test_filter_and_smoother_equal_the_covariance_form(seed):
         assert close(ours, np.array(theirs), 1e-10)
     assert abs(filtered.loglik - twin.loglik) <= 1e-10 * abs(twin.loglik)
     m, P, lag = smoother_twin(twin)
-    smoothed = extended_kalman_smoother(filtered, noise.Q)
+    smoothed = extended_kalman_smoother(filter_to_smooth(case.model, recording, noise))
     assert close(smoothed.m, m, 1e-10)
     assert close(smoothed.P, P, 1e-10)
     assert close(smoothed.lag_one, lag, 1e-10)
@@ -92,8 +92,8 @@ def test_singular_predictions_are_exact_too(A, P0):
     Q, R, m0 = np.array([[0.7]]), np.array([[0.4]]), np.array([0.2, -0.1])
     mean, cov, loglik = dense_posterior(A, B, G, C, D, recording, Q, R, m0, P0)
     model = linear_model(A, G, C, B, D)
-    filtered = extended_kalman_filter(model, recording, NoiseValues(Q, R, m0[None], P0))
-    smoothed = extended_kalman_smoother(filtered, Q)
+    filtered = filter_to_smooth(model, recording, NoiseValues(Q, R, m0[None], P0))
+    smoothed = extended_kalman_smoother(filtered)
     assert abs(filtered.loglik - loglik) < 1e-12
     assert close(smoothed.m.ravel(), mean[:12], 1e-12)
     for k in range(6):
@@ -107,8 +107,8 @@ def test_singular_predictions_are_counted():
     model = linear_model([[0.0, 0.0], [1.0, 0.0]], [[0.0], [0.0]], [[1.0, 1.0]])
     recording = Recording("r", np.ones(3), np.zeros((4, 0)), np.ones((4, 1)))
     noise = NoiseValues(np.eye(1), np.eye(1), np.zeros((1, 2)), np.eye(2))
-    filtered = extended_kalman_filter(model, recording, noise)
-    assert extended_kalman_smoother(filtered, noise.Q).singular == 3
+    forward = filter_to_smooth(model, recording, noise)
+    assert extended_kalman_smoother(forward).singular == forward.singular == 3
 
 
 @pytest.mark.parametrize("exponent", [4, 8, 12, 16])

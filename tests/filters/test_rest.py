@@ -6,7 +6,7 @@ from covariance_form import filter_twin, smoother_twin
 
 from noiseid_cli.estimators.em_statistics import FILTERED, SMOOTHED, e_step
 from noiseid_cli.filters.ekf import extended_kalman_filter
-from noiseid_cli.filters.smoother import extended_kalman_smoother
+from noiseid_cli.filters.smoother import extended_kalman_smoother, filter_to_smooth
 from noiseid_cli.models.linear import linear_model
 from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.models.recording import Recording
@@ -34,7 +34,7 @@ def agree(model, recording, noise):
     found = extended_kalman_filter(model, recording, noise)
     twin = filter_twin(model, recording, noise)
     m, P, lag = smoother_twin(twin)
-    smoothed = extended_kalman_smoother(found, noise.Q)
+    smoothed = extended_kalman_smoother(filter_to_smooth(model, recording, noise))
     assert found.loglik == pytest.approx(twin.loglik, rel=1e-12)
     np.testing.assert_allclose(found.m_filt, twin.m_filt, rtol=1e-10, atol=1e-12)
     np.testing.assert_allclose(smoothed.m, m, rtol=1e-10, atol=1e-12)

@@ -8,7 +8,8 @@ from noiseid_cli.estimators import em_statistics
 from noiseid_cli.estimators.em_statistics import FILTERED, SMOOTHED, e_step
 from noiseid_cli.filters import segments
 from noiseid_cli.filters.ekf import FilterDivergedError
-from noiseid_cli.filters.segments import segment_length, smoothed_parts
+from noiseid_cli.filters.segments import forward_parts, segment_length
+from noiseid_cli.filters.smoother import extended_kalman_smoother
 from noiseid_cli.models.linear import linear_model
 from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.models.recording import Recording
@@ -24,14 +25,18 @@ def test_parts_put_together_are_the_whole_to_the_last_bit(length):
     """13 samples in parts of each length, also where the last part is a single step."""
     case = random_case(4, 3, 2, 3, lengths=(13,), missing=0.3)
     recording = case.recordings[0]
-    (whole,) = smoothed_parts(case.model, recording, case.noise, 0)
-    parts = list(smoothed_parts(case.model, recording, case.noise, 0, room_for(case.model, length)))[::-1]
-    assert len(parts) == -(-12 // length)
-    m = np.concatenate([p.smoothed.m[:-1] for p in parts] + [parts[-1].smoothed.m[-1:]])
-    U = np.concatenate([p.smoothed.U[:-1] for p in parts] + [parts[-1].smoothed.U[-1:]])
-    assert np.array_equal(m, whole.smoothed.m)
-    assert np.array_equal(U, whole.smoothed.U)
-    assert sum(p.filtered.loglik for p in parts) == pytest.approx(whole.filtered.loglik, rel=1e-13)
+    (whole,) = forward_parts(case.model, recording, case.noise, 0)
+    expected = extended_kalman_smoother(whole.forward)
+    end, m, U, loglik, count = None, expected.m[-1:], expected.U[-1:], 0.0, 0
+    for part in forward_parts(case.model, recording, case.noise, 0, room_for(case.model, length)):
+        found = extended_kalman_smoother(part.forward, end)
+        end = found.m[0], found.U[0]
+        m, U = np.concatenate([found.m[:-1], m]), np.concatenate([found.U[:-1], U])
+        loglik, count = loglik + part.forward.loglik, count + 1
+    assert count == -(-12 // length)
+    assert np.array_equal(m, expected.m)
+    assert np.array_equal(U, expected.U)
+    assert loglik == pytest.approx(whole.forward.loglik, rel=1e-13)
 
 
 @pytest.mark.parametrize("linearisation", [SMOOTHED, FILTERED])
@@ -40,7 +45,7 @@ def test_statistics_in_segments_are_those_of_the_whole(linearisation, monkeypatc
     blocks = np.zeros(3, dtype=np.int64)
     whole = e_step(case.model, case.recordings, case.noise, linearisation, blocks)
     room = room_for(case.model, 4)
-    monkeypatch.setattr(em_statistics, "smoothed_parts", lambda *a: segments.smoothed_parts(*a, room))
+    monkeypatch.setattr(em_statistics, "forward_parts", lambda *a: segments.forward_parts(*a, room))
     parts = e_step(case.model, case.recordings, case.noise, linearisation, blocks)
     assert parts.steps == whole.steps
     assert np.array_equal(parts.samples, whole.samples)
@@ -54,7 +59,7 @@ def test_a_failure_is_told_with_its_place_in_the_test():
     recording = Recording("wild", np.ones(19), np.zeros((20, 0)), np.full((20, 1), np.nan))
     noise = NoiseValues(np.eye(1), np.eye(1), np.ones((1, 1)), np.eye(1))
     with pytest.raises(FilterDivergedError) as whole:
-        list(smoothed_parts(model, recording, noise, 0))
+        list(forward_parts(model, recording, noise, 0))
     with pytest.raises(FilterDivergedError) as parts:
-        list(smoothed_parts(model, recording, noise, 0, room_for(model, 3)))
+        list(forward_parts(model, recording, noise, 0, room_for(model, 3)))
     assert str(parts.value) == str(whole.value)

@@ -12,7 +12,7 @@ from noiseid_cli.filters.sigma_filter import sigma_point_filter
 from noiseid_cli.filters.sigma_points import cubature, unscented
 from noiseid_cli.filters.sigma_rows import pair_centre, split
 from noiseid_cli.filters.sigma_smoother import sigma_point_smoother
-from noiseid_cli.filters.smoother import extended_kalman_smoother
+from noiseid_cli.filters.smoother import extended_kalman_smoother, filter_to_smooth
 from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.models.recording import Recording
 
@@ -80,7 +80,8 @@ def test_linear_model_equals_the_kalman_filter_and_smoother(seed, rule):
     recording = case.recordings[0]
     mine = sigma_point_filter(case.model, recording, case.noise, RULES[rule](3))
     theirs = extended_kalman_filter(case.model, recording, case.noise)
-    a, b = sigma_point_smoother(mine), extended_kalman_smoother(theirs, case.noise.Q)
+    b = extended_kalman_smoother(filter_to_smooth(case.model, case.recordings[0], case.noise))
+    a = sigma_point_smoother(mine)
     assert mine.loglik == pytest.approx(theirs.loglik, abs=1e-10)
     assert np.allclose(mine.m_filt, theirs.m_filt, rtol=0, atol=1e-10)
     assert np.allclose(mine.S, theirs.S, rtol=1e-10)
@@ -93,7 +94,7 @@ def test_an_exactly_known_state_is_counted_and_smoothed():
     case = random_case(2, 3, 1, 2, lengths=(12,), missing=0.2)
     noise = NoiseValues(case.noise.Q, case.noise.R, case.noise.m0, np.zeros((3, 3)))
     filtered = sigma_point_filter(case.model, case.recordings[0], noise, cubature(3))
-    other = extended_kalman_smoother(extended_kalman_filter(case.model, case.recordings[0], noise), noise.Q)
+    other = extended_kalman_smoother(filter_to_smooth(case.model, case.recordings[0], noise))
     smoothed = sigma_point_smoother(filtered)
     assert filtered.singular == other.singular > 0
     assert np.allclose(smoothed.m, other.m, rtol=0, atol=1e-9)

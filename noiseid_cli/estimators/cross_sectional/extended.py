@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import types
 
-from noiseid_cli.filters.ekf import cube, extended_kalman_filter
-from noiseid_cli.filters.smoother import extended_kalman_smoother
+from noiseid_cli.filters.ekf import cube
+from noiseid_cli.filters.smoother import extended_kalman_smoother, filter_to_smooth
 from noiseid_cli.models.compiled import CompiledModel
 from noiseid_cli.models.discretisation import transition, workspace
 from noiseid_cli.models.jit import kernel
@@ -46,7 +46,7 @@ def linearised(model: CompiledModel, family: LinearFamily, recording: Recording,
     Raises:
         FilterDivergedError: the filter fails; names test and sample.
     """
-    path = extended_kalman_smoother(extended_kalman_filter(model, recording, noise), noise.Q).m
+    path = extended_kalman_smoother(filter_to_smooth(model, recording, noise)).m
     N, nx, nv, ny = recording.samples, model.nx, model.nv, model.ny
     A, G, offset = np.empty((N - 1, nx, nx)), np.empty((N - 1, nx, nv)), np.zeros((N, nx))
     C, h = np.empty((N, ny, nx)), np.empty((N, ny))
