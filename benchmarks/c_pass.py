@@ -20,17 +20,16 @@ Pass = Callable[[], tuple[float, np.ndarray]]
 
 
 def c_pass(samples: int) -> Pass | str:
-    """Log-likelihood and factor U_v of one pass in C, or why there is none."""
+    """Log-likelihood and sum of E[v v' | y] of one pass in C, or why there is none."""
     if shutil.which("gcc") is None:
         return "no gcc here"
     model, recording, noise = robot_data(samples)
     n, nv, ny, N = model.nx, model.nv, model.ny, samples
     library = _library(n, nv, ny)
-    room = [(N, n), (N, n, n), (N, n), (N, n, n), (N - 1, n, n), (N - 1, n, nv), (N, n), (N, n, n)]
     given = [
         model.parameters, recording.dt, recording.u, recording.y, noise.m0[0], upper_factor(noise.P0, "P0"),
         upper_factor(noise.Q, "Q"), upper_factor(noise.R, "R"),
-        *(np.zeros(shape) for shape in (*room, (N - 1, n + nv, n), (N - 1, nv, n + nv), (nv, nv))),
+        *(np.zeros(shape) for shape in ((N, n), (N, n), (N - 1, n + nv, n), (N - 1, nv, n + nv), (nv, nv))),
     ]  # fmt: skip
     arrays = [np.ascontiguousarray(a) for a in given]
     p, dt, u, y, *rest = [a.ctypes.data_as(ctypes.c_void_p) for a in arrays]

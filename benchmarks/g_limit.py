@@ -27,13 +27,13 @@ def operations(n: int, nv: int, ny: int) -> float:
     def upper(rows: int, others: int) -> float:
         return rows * (rows + 1.0) * others
 
-    moved = upper(n, n) + upper(nv, n)
-    update = upper(n, ny) + reflections(n + ny, n + ny, n + ny) + 2.0 * n * ny
-    predict = moved + reflections(n + nv, n, n)
-    joint = moved + reflections(n + nv, 2 * n + nv, n) + n * n * (n + nv) + upper(n, n) + reflections(nv + n, n, n)
-    left = reflections(n, 2 * nv + n + 1, nv) + nv * nv * (nv + n + 1.0)
-    moment = 2.0 * n**3 + upper(n, n) + 2.0 * nv * n * n + left + reflections(2 * nv + n + 1, nv, nv)
-    return update + predict + joint + moment
+    # A rotation takes 6 for each column that it touches.
+    update = upper(n, ny) + 6.0 * (ny * n * (n + 1) / 2 + n * ny * (ny - 1) / 2) + 2.0 * n * ny
+    predict = upper(n, n) + upper(nv, n) + reflections(n + nv, 2 * n + nv, n) + n * n * (n + nv)
+    back = 2.0 * n * n + upper(n, n) + reflections(nv + n, n, n)
+    left = reflections(n, nv + n, nv) + nv * nv * n
+    moment = left + 4.0 * nv * n * n + 2.0 * nv * nv * n + upper(n, nv) + 2.0 * nv * nv * (nv + n + 1.0)
+    return update + predict + back + moment
 
 
 def peak() -> float:

@@ -18,16 +18,20 @@ LOG_2PI = math.log(2.0 * math.pi)
 
 @routine
 def update(m, U, H, innovation, UR, m_out, U_out, W, w, e):  # type: ignore[no-untyped-def]
-    """Measurement update: one triangularisation of [UR 0; U H', U] over the observed outputs.
+    """Measurement update: [UR 0; U H', U] over the observed outputs becomes [US, US^-T H P; 0, U_filt], S = US'US.
 
-    It gives [US, US^-T H P; 0, U_filt], S = US'US. Writes m_out, U_out; returns the log-likelihood of the
-    innovation, NaN if S is singular.
+    Rotations from the last row of U to the first keep it triangular, which leaves them a third of the work that
+    reflections have (Carlson, AIAA Journal 11(9), 1973, for one output at a time; here each carries the outputs that
+    are still to come, so that R need not be diagonal).
 
     Args:
         m, U: predicted mean (n,) and factor (n, n).
         H: (ny, n); innovation: (ny,), NaN where missing; UR: (ny, ny) factor of R.
         m_out, U_out: outputs, may not alias U.
-        W, w, e: scratch (ny + n, ny + n), (ny + n,), (ny,).
+        W, w, e: scratch (ny + n, ny + n), (ny + n,), (ny,). W's first rows come out as [US, US^-T H P].
+
+    Returns:
+        The log-likelihood of the innovation, NaN if S is singular.
     """
     ny, n = H.shape
     q = 0
@@ -39,18 +43,53 @@ def update(m, U, H, innovation, UR, m_out, U_out, W, w, e):  # type: ignore[no-u
         rows_of(U, H, i, 1, W, ny, q)
         e[q] = innovation[i]
         q += 1
+    if q < ny:
+        triangularise(W, ny, q, q, w)
     for c in range(n):
-        for r in range(ny):
+        for r in range(q):
             W[r, q + c] = 0.0
         for r in range(n):
-            W[ny + r, q + c] = U[r, c]
-    if q == 0:
-        for c in range(n):
-            m_out[c] = m[c]
-            for r in range(n):
-                U_out[r, c] = U[r, c] if r <= c else 0.0
-        return 0.0
-    return condition(W, ny + n, q, m, e, m_out, U_out, w)
+            U_out[r, c] = U[r, c] if r <= c else 0.0
+    for i in range(q):
+        _take_in(W, i, q, ny, U_out, w)
+    return correct(W, q, m, e, m_out)
+
+
+@routine
+def _take_in(W, i, q, ny, U, length):  # type: ignore[no-untyped-def]
+    """Rotate column i of U H', in W from row ny on, into row i of W, from the last row of U to the first.
+
+    Args:
+        W: rows 0..q of [UR, gains] and, from row ny on, U H'.
+        i, q, ny: the output, and the numbers of those observed and of all.
+        U: (n, n), upper before and after.
+        length: scratch (>= n,).
+    """
+    n, i, q, ny = np.uint64(U.shape[0]), np.uint64(i), np.uint64(q), np.uint64(ny)
+    one = np.uint64(1)
+    # All lengths of the pivot first: their roots do not wait for each other.
+    total = W[i, i] * W[i, i]
+    for back in range(n):
+        r = n - one - back
+        total += W[ny + r, i] * W[ny + r, i]
+        length[r] = math.sqrt(total)
+    pivot = W[i, i]
+    for back in range(n):
+        r = n - one - back
+        if W[ny + r, i] == 0.0 or length[r] == 0.0:
+            continue
+        scale = 1.0 / length[r]
+        cosine, sine = scale * pivot, scale * W[ny + r, i]
+        pivot = length[r]
+        for c in range(r, n):
+            above, below = W[i, q + c], U[r, c]
+            W[i, q + c] = cosine * above + sine * below
+            U[r, c] = cosine * below - sine * above
+        for c in range(i + one, q):
+            above, below = W[i, c], W[ny + r, c]
+            W[i, c] = cosine * above + sine * below
+            W[ny + r, c] = cosine * below - sine * above
+    W[i, i] = pivot
 
 
 @routine

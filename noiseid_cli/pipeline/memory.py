@@ -23,7 +23,7 @@ PROCESS = 250 * 2**20
 
 _NUMBER = 8  # bytes
 _COPIES = 3  # of a dataset: the arrays, the padded ones of the file, the image of the file
-_WORK_COPIES = 2  # chosen: Alg. 3 took 1.6 of the filter's and smoother's arrays
+_WORK_COPIES = 2  # chosen: Alg. 3, which keeps most, takes 1.1 of the filter's and smoother's arrays
 _PER_BYTE_OF_LOG = 4  # measured on a CSV file of 17 MiB: 3.5
 _CGROUPS = (
     (Path("/sys/fs/cgroup/memory.max"), Path("/sys/fs/cgroup/memory.current")),
@@ -62,7 +62,8 @@ class DataSize:
         """Bytes of a filter and a smoother on the longest test: the tests are worked on one after the other.
 
         The filter keeps two means, two factors and three Jacobians a sample, the smoother a mean, a factor, a gain and
-        a factor of the states with the noises (``filters.ekf.Filtered``, ``filters.smoother.Smoothed``).
+        a factor of the states with the noises (``filters.ekf.Filtered``, ``filters.smoother.Smoothed``). EM keeps less,
+        and steps that share their gain take no room for it.
         """
         n, v, y = self.states, self.noises, self.outputs
         kept = 2 * n + 3 * n * n + n * v + y * n + y

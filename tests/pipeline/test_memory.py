@@ -136,6 +136,7 @@ from noiseid_cli.models.recording import Recording
 
 def run(n):
     y = np.random.default_rng(0).normal(size=(n, 2))
+    y[::7] = np.nan  # so that covariances never come to rest, and no step shares its gain
     level = linear_model(0.9 * np.eye(4), np.eye(4)[:, :2], np.eye(4)[:2])
     start = NoiseValues(np.eye(2), np.eye(2), np.zeros((1, 4)), np.eye(4))
     unknowns = Unknowns(Q=CovarianceStructure.diagonal(start.Q, "Q"))
