@@ -66,7 +66,7 @@ def gather_back(  # type: ignore[no-untyped-def]
     m, U, at = np.empty((2, n)), np.empty((2, n, n)), 0
     copy_matrix(U_end, U[0])
     J, F2, H = np.empty((2, n, n)), np.empty((2, n, nv)), np.empty((2, ny, n))
-    W, w, before = np.empty((rows + n, max(n, nv))), np.empty(n + nv), np.empty((n, n))
+    W, w, before = np.empty((rows + n, max(n, nv))), np.empty(n + nv), np.empty((2, n, n))
     work, x_next, r = workspace(n, nv), np.empty(n), np.empty(n)
     A, X, L = np.empty((n, nv + n)), np.empty((n, nv)), np.empty((nv, n))
     B, D, row, spread_v = np.empty((nv, n)), np.empty((nv, n)), np.empty((1, nv)), np.empty((nv, nv))

@@ -188,7 +188,7 @@ def run_filter(  # type: ignore[no-untyped-def]
     W_pred = np.empty((n + nv, 2 * n + nv if joint else n))
     pivot_column = np.empty(n, dtype=np.int64)
     work = workspace(n, nv)
-    before = np.empty((n, n))
+    before = np.empty((2, n, n))
     alike, rests = 0, False
     loglik = 0.0
     rank, singular = n, 0

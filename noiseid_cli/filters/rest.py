@@ -14,8 +14,8 @@ from noiseid_cli.filters.linalg import EPS
 from noiseid_cli.models.arrays import copy_matrix
 from noiseid_cli.models.jit import routine
 
-FIRST = 16
-"""Equal steps after which rest is first asked for, again after each doubling [chosen]."""
+FIRST = 8
+"""Equal steps after which a factor is first remembered [chosen]; then at 12, 16, 24, 32, 48 and on."""
 
 
 @routine
@@ -39,19 +39,21 @@ def at_rest(U, rows, before, alike):  # type: ignore[no-untyped-def]
 
     Args:
         U: (n, n); rows: of the matrix whose triangularisation gave U.
-        before: (n, n), U as it was; written where a comparison is due.
+        before: (2, n, n), U as it was at the last 2^j and 3 2^j equal steps; written where a comparison is due.
         alike: number of equal steps up to U.
     """
-    if alike < FIRST or alike & (alike - 1) != 0:
+    chain = 0 if alike % 3 != 0 else 1
+    power = alike // 3 if chain == 1 else alike
+    if alike < FIRST or power & (power - 1) != 0:
         return False
-    rests = alike > FIRST
+    rests = alike >= 2 * FIRST
     n = U.shape[0]
     for c in range(n):
         length, change = 0.0, 0.0
         for r in range(c + 1):
             length += U[r, c] * U[r, c]
-            change += (U[r, c] - before[r, c]) ** 2
+            change += (U[r, c] - before[chain, r, c]) ** 2
         if not change <= (4.0 * rows * EPS) ** 2 * length:
             rests = False
-    copy_matrix(U, before)
+    copy_matrix(U, before[chain])
     return rests

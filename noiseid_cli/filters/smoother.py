@@ -180,7 +180,7 @@ def _smooth(m_pred, m_filt, gain, C, source, m, U):  # type: ignore[no-untyped-d
     """
     N, n = m_filt.shape
     rows = C.shape[1]
-    W, w, before = np.empty((rows + n, n)), np.empty(n), np.empty((n, n))
+    W, w, before = np.empty((rows + n, n)), np.empty(n), np.empty((2, n, n))
     alike, rests = 0, False
     for k in range(N - 2, -1, -1):
         s = source[k]

@@ -141,9 +141,9 @@ def test_a_live_display_forgets_what_has_ended(capsys):
     with live:
         live.stage("estimate", 3, 1)
         live.begin("a")
-        live.compiling("a", 3, "ekf._filter")
+        live.compiling("a", 3, "ekf.run_filter")
         rows = live._picture().renderables[1]
-        assert [list(column.cells) for column in rows.columns][1:3] == [["compiling kernel 3"], ["ekf._filter"]]
+        assert [list(column.cells) for column in rows.columns][1:3] == [["compiling kernel 3"], ["ekf.run_filter"]]
         live.passed("a", 2, -1.5)
         rows = live._picture().renderables[1]
         assert [list(column.cells) for column in rows.columns][:3] == [["  a"], ["pass 2"], ["log-likelihood -1.50"]]
