@@ -162,6 +162,7 @@ def _extended(
         )  # fmt: skip
         _refuse_dependent(part, dependent)
         gather.add(f.loglik, f.singular, part.samples - 1, *end)
+        del part, f  # before the next one is made
 
 
 def _sigma_points(

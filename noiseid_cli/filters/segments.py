@@ -41,7 +41,8 @@ def forward_parts(
 ) -> Iterator[Part]:
     """Filter one test; the parts come from the last to the first, most tests being one part.
 
-    Log-likelihoods, steps and measured samples of the parts add up to those of the test.
+    Log-likelihoods, steps and measured samples of the parts add up to those of the test. No part is held here:
+    who drops each before the next has one in memory at a time.
 
     Raises:
         FilterDivergedError: with the sample where it happened.
@@ -52,14 +53,18 @@ def forward_parts(
         return
     cuts = range(0, N - 1, length)
     starts: list[tuple[Array, Array] | None] = [None]
+    forward: Forward | None = None
     for cut in cuts:
-        part = _part(recording, cut, length)
+        part, forward = _part(recording, cut, length), None  # never two at once
         try:
             forward = filter_to_smooth(model, part, noise, test, starts[-1])
         except FilterDivergedError as error:
             raise FilterDivergedError(error.code, cut + error.step, recording) from None
         starts.append((forward.m_pred[-1].copy(), forward.U_pred))
-    yield Part(part, forward)
+    assert forward is not None
+    last, forward = Part(part, forward), None
+    yield last
+    del last
     for cut, start in zip(reversed(cuts[:-1]), reversed(starts[:-2]), strict=True):
         part = _part(recording, cut, length)
         yield Part(part, filter_to_smooth(model, part, noise, test, start))

@@ -114,13 +114,18 @@ def test_workers_end_when_their_parent_is_killed(empty, started):
 
 def test_the_unit_of_a_worker_that_is_killed_is_tried_again(empty, started):
     write_experiment(empty, RESTLESS.replace("MOST", "400").replace("samples: 80", "samples: 500"))
+    starts = ("--set", "estimate.starts.scale=[1, 2, 3]")
+    whole = noiseid("run", "-q", "-o", "whole", *starts).exit_code
     noiseid("simulate")
-    process = started("estimate", "--jobs", "2", "--verbose", "--set", "estimate.starts.scale=[1, 2, 3]")
+    process = started("estimate", "--jobs", "2", "--verbose", *starts)
     read_until(process, "pass 3,")
     victim = workers_of(process)[0]
     os.kill(victim, signal.SIGKILL)
     _, err = process.communicate(timeout=30)
-    assert process.returncode == 0
+    assert process.returncode == whole
     assert err.count("its worker process died; it is tried again.") == 1
     assert "failed" not in err
-    assert len(list((empty / "runs/small/results").glob("*"))) == 3
+    folder = empty / "runs/small/results"
+    assert len(list(folder.glob("*"))) == 3
+    for file in folder.glob("*"):
+        assert arrays_of(file) == arrays_of(empty / "whole/small/results" / file.name)
