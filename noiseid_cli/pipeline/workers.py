@@ -4,7 +4,8 @@ A worker that dies (for want of memory, say) puts off its unit only; a unit at w
 interrupt is the parent's affair: workers never see Ctrl-C, and are ended by the parent at once. If the parent itself is
 killed, they notice at their next word. A worker that is at one unit for longer than the time limit is ended with it.
 
-Where the kernels are not compiled yet, the first worker goes ahead, so that not every one of them compiles.
+Where the kernels are not compiled yet, the first worker goes ahead, so that not every one of them compiles: until it
+has made a unit, or has passed over the data twice, for which it has compiled nearly all.
 """
 
 from __future__ import annotations
@@ -137,6 +138,7 @@ class _Worker:
     pipe: Connection
     unit: Unit
     since: float = field(default_factory=time.monotonic)
+    compiled: bool = False
 
 
 def in_processes(
@@ -191,11 +193,11 @@ def in_processes(
                     if token is None:
                         listener.say(f"{worker.unit.name}: its worker process died; it is tried again.")
                         waiting.append(worker.unit)
+                alone_until = 0.0 if worker.compiled else alone_until
                 if token is None:
                     continue
                 if token.state == "made":
                     compiled.note()
-                    alone_until = 0.0
                 yield token
                 if worker.pipe.closed:
                     continue
@@ -232,7 +234,9 @@ def _hear(worker: _Worker, listener: Listener) -> Token | None:
         raise WorkerError(told[0])
     if what == "end":
         token: Token = told[0]
+        worker.compiled |= token.state == "made"
         return token
+    worker.compiled |= what == "passed" and told[1] >= 2
     getattr(listener, what)(*told)
     return None
 

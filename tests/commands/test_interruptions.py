@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from small_experiment import CONFIG, arrays_of, files_of, noiseid, write_experiment
 
-# From starts so small that EM hardly moves: never at rest, so that a unit takes as long as its passes.
+# From starts so small that EM hardly moves: at rest after thousands of passes only.
 RESTLESS = CONFIG.replace("em: {}", "em: {acceleration: none, parameter_tolerance: 0, max_passes: MOST}").replace(
     "scale: [0.1, 10]", "scale: [1e-9, 2e-9]"
 )
@@ -78,16 +78,13 @@ def test_a_killed_run_goes_on_where_it_was(empty, started):
     ("number", "jobs", "code"), [(signal.SIGINT, 2, 130), (signal.SIGTERM, 2, 143), (signal.SIGHUP, 1, 129)]
 )
 def test_a_signal_ends_all_processes_at_once(empty, started, number, jobs, code):
-    write_experiment(empty, RESTLESS.replace("MOST", "1000000").replace("samples: 80", "samples: 500"))
+    write_experiment(empty, RESTLESS.replace("MOST", "1000000").replace("samples: 80", "samples: 5000"))
     noiseid("simulate")
     # A group of its own, as a terminal makes one: Ctrl-C reaches the workers too.
     process = started("estimate", "--jobs", str(jobs), "--verbose", start_new_session=True)
     read_until(process, "pass 3,", jobs)
-    wanted, until = 2 if jobs == 2 else 0, time.monotonic() + 60
-    # The first worker may be ahead of the others, for as long as it compiles.
-    while len(workers := workers_of(process)) != wanted and time.monotonic() < until:
-        time.sleep(0.05)
-    assert len(workers) == wanted
+    workers = workers_of(process)
+    assert len(workers) == (2 if jobs == 2 else 0)
     began = time.monotonic()
     os.killpg(process.pid, number) if number == signal.SIGINT else process.send_signal(number)
     out, err = process.communicate(timeout=10)
@@ -104,7 +101,7 @@ def test_a_signal_ends_all_processes_at_once(empty, started, number, jobs, code)
 
 
 def test_workers_end_when_their_parent_is_killed(empty, started):
-    write_experiment(empty, RESTLESS.replace("MOST", "1000000").replace("samples: 80", "samples: 500"))
+    write_experiment(empty, RESTLESS.replace("MOST", "1000000").replace("samples: 80", "samples: 5000"))
     noiseid("simulate")
     process = started("estimate", "--jobs", "2", "--verbose")
     read_until(process, "pass 3,", 2)
