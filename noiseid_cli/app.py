@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import io
 import os
 import sys
@@ -83,6 +84,7 @@ def _root(
 
 def main() -> None:
     """Entry point of the `noiseid` command."""
+    gc.set_threshold(10_000)  # imports make half a million objects that stay: search them less often
     stop_on_signals()
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # a terminal that lacks a letter shows a question mark
@@ -90,3 +92,5 @@ def main() -> None:
         guarded(app)()  # help and version are printed outside the commands
     except typer.Exit as end:
         sys.exit(end.exit_code)
+    finally:
+        gc.freeze()  # all ends with the process: no last search for what could be freed

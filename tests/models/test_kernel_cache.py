@@ -105,3 +105,11 @@ def test_what_only_talks_imports_nothing_heavy(arguments):
 def test_checking_an_experiment_draws_and_compiles_nothing(tmp_path, config):
     file = Path(__file__).parents[2] / "configs" / f"{config}.yaml"
     assert not imported_by("check", str(file), "--out", str(tmp_path)) & {"matplotlib", "jinja2", "numba", "scipy"}
+
+
+def test_the_garbage_collector_keeps_out_of_the_way_of_a_command():
+    """Searching all that was imported, over and over and once more at the end, was a quarter of a short run."""
+    show = "print(gc.get_threshold()[0], gc.get_freeze_count() > 10_000)"
+    script = f"import gc\nfrom noiseid_cli.app import main\ntry:\n    main()\nfinally:\n    {show}\n"
+    done = subprocess.run([sys.executable, "-c", script, "--version"], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "10000 True"
