@@ -28,6 +28,8 @@ def kernels_announced(say: Callable[[str], None], compiling: Callable[[int, str]
     """
     from numba.core import event
 
+    from noiseid_cli.models.cache import unkept
+
     class Compilation(event.Listener):
         count, seconds = 0, 0.0
 
@@ -50,7 +52,9 @@ def kernels_announced(say: Callable[[str], None], compiling: Callable[[int, str]
         yield
     if heard.count:
         kernels = "1 kernel" if heard.count == 1 else f"{heard.count} kernels"
-        say(f"{kernels} compiled in {heard.seconds:.0f} s, and kept.")
+        say(f"{kernels} compiled in {heard.seconds:.0f} s{'' if unkept() else ', and kept'}.")
+    if unkept():
+        say(unkept())
 
 
 def _is_kernel(compiled: Any) -> bool:

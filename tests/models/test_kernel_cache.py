@@ -1,7 +1,7 @@
 """Where compiled kernels are kept, and what is imported before anything is asked for."""
 
+import importlib.util
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from noiseid_cli.errors import MachineError, ModelError
-from noiseid_cli.models.cache import cache_root, place_kernels
+from noiseid_cli.models.cache import cache_root, kernel_folder, unkept
 
 HEAVY = {"numpy", "scipy", "numba", "sympy", "matplotlib", "h5py", "pydantic", "rich", "yaml", "jinja2", "platformdirs"}
 
@@ -17,50 +17,75 @@ HEAVY = {"numpy", "scipy", "numba", "sympy", "matplotlib", "h5py", "pydantic", "
 @pytest.fixture
 def places(tmp_path, monkeypatch):
     """A package that cannot be written (a file stands where its folder should be), and a cache folder."""
-    monkeypatch.setenv("NUMBA_CACHE_DIR", "")  # put back afterwards, whatever the code under test sets
-    monkeypatch.delenv("NUMBA_CACHE_DIR")
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
     monkeypatch.setenv("NOISEID_CACHE_DIR", str(tmp_path / "cache"))
     (tmp_path / "package").write_text("")
     return tmp_path
 
 
 def test_kernels_stand_beside_the_source_where_that_can_be_written(places):
-    place_kernels(places)
-    assert "NUMBA_CACHE_DIR" not in os.environ
+    assert kernel_folder(places) is None
 
 
 def test_kernels_of_a_read_only_installation_go_to_the_cache_folder(places, monkeypatch):
-    place_kernels(places / "package")
-    assert os.environ["NUMBA_CACHE_DIR"] == str(places / "cache" / "kernels")
+    assert kernel_folder(places / "package") == places / "cache" / "kernels"
     assert cache_root() == places / "cache"
-    monkeypatch.setenv("NUMBA_CACHE_DIR", "mine")
-    place_kernels(places / "package")
-    assert os.environ["NUMBA_CACHE_DIR"] == "mine"
-    monkeypatch.delenv("NUMBA_CACHE_DIR")
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(places / "mine"))
+    assert kernel_folder(places / "package") is None
+    assert (places / "mine").is_dir()
 
 
 def test_without_any_folder_the_user_is_told_what_to_set(places, monkeypatch):
     monkeypatch.setenv("NOISEID_CACHE_DIR", str(places / "package"))
     with pytest.raises(ModelError, match="set NOISEID_CACHE_DIR to a folder"):
-        place_kernels(places / "package")
-    assert "NUMBA_CACHE_DIR" not in os.environ
+        kernel_folder(places / "package")
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(places / "package"))
+    with pytest.raises(ModelError, match=r"cannot be kept in .*/package: .*; set NUMBA_CACHE_DIR to another folder\."):
+        kernel_folder(places)
 
 
-def test_a_full_disk_is_told_as_such(places, monkeypatch):
+@pytest.mark.parametrize("variable", ["NOISEID_CACHE_DIR", "NUMBA_CACHE_DIR"])
+def test_a_full_disk_is_told_as_such(places, monkeypatch, variable):
     def full(**_):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("tempfile.TemporaryFile", full)
+    monkeypatch.setenv(variable, str(places / "full"))
     with pytest.raises(
-        MachineError, match=r"\(set NOISEID_CACHE_DIR to .*\): No space left on device: the disk is full"
+        MachineError, match=rf"/full.* \(set {variable} to .*\): No space left on device: the disk is full"
     ):
-        place_kernels(places)
+        kernel_folder(places)
+
+
+def test_a_function_is_used_though_the_disk_is_too_full_to_keep_it(places, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    source = "from numba import float64\nfrom noiseid_cli.models.jit import equation, kernel\n"
+    for decorator in ("kernel", "equation"):
+        source += f"\n\n@{decorator}(float64(float64))\ndef {decorator}_twice(x):\n    return 2.0 * x\n"
+    (places / "two.py").write_text(source)
+    monkeypatch.setattr("noiseid_cli.models.cache._unkept", [])
+    monkeypatch.setattr("numba.core.caching.IndexDataCacheFile.save", full)
+    spec = importlib.util.spec_from_file_location("noiseid_cli.two", places / "two.py")
+    module = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, "noiseid_cli.two", module)
+    assert unkept() == ""
+    spec.loader.exec_module(module)
+    assert unkept() == (
+        f"Compiled kernels cannot be kept in {places / '__pycache__'} (No space left on device), so that the next run "
+        "compiles them again; NUMBA_CACHE_DIR takes another folder."
+    )
+    monkeypatch.setattr("noiseid_cli.models.cache._unkept", [])
+    assert module.kernel_twice(3.0) == module.equation_twice(3.0) == 6.0
+    assert str(places) in unkept()
 
 
 def test_a_kernel_is_compiled_when_it_is_called_and_found_again(places):
     """By two processes that start together, where the package cannot be written; a third compiles nothing."""
     script = (
         "import sys\n"
+        "import numba\n"  # before anybody has said where kernels go
         "from pathlib import Path\n"
         "from noiseid_cli.models.cache import place_kernels\n"
         "place_kernels(Path(sys.argv[1]))\n"

@@ -271,7 +271,7 @@ def test_workers_tell_what_goes_on(small):
     assert record.of("stage") == [["simulate", 2, 0]]
 
 
-def test_compilation_is_announced_unless_the_cache_holds_it(tmp_path):
+def test_compilation_is_announced_unless_the_cache_holds_it(tmp_path, monkeypatch):
     file = tmp_path / "fake_kernel.py"
     file.write_text("from numba import njit\n\n\n@njit(cache=CACHE)\ndef twice(x):\n    return 2 * x\n")
     source = file.read_text()
@@ -295,6 +295,12 @@ def test_compilation_is_announced_unless_the_cache_holds_it(tmp_path):
     assert said[0] == SENTENCE
     assert re.fullmatch(r"2 kernels compiled in \d+ s, and kept\.", said[1])
     assert waited == [(1, "fake_kernel.twice"), (2, "fake_kernel.twice")]
+    monkeypatch.setattr("noiseid_cli.models.cache._unkept", ["Compiled kernels cannot be kept in x."])
+    source += "\n\n# it is another file now\n"
+    said, _ = announced("noiseid_cli.fake_kernel", True)
+    assert re.fullmatch(r"2 kernels compiled in \d+ s\.", said[1])
+    assert said[2:] == ["Compiled kernels cannot be kept in x."]
+    monkeypatch.undo()
     assert announced("fake_kernel", True) == ([], [])  # a model's own functions are announced elsewhere
     assert announced("noiseid_cli.fake_kernel", False) == ([], [])  # compiled each time, and part of something else
 
