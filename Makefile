@@ -6,8 +6,8 @@ BENCH := .bench
 LETTERS ?= abcdefg
 READY := $(VENV)/.ready
 JOBS ?= 2
-FUZZ ?= 10000
-FUZZ_FILES ?= 4000
+FUZZ_EXAMPLES ?= 4000
+FUZZ_SEED ?= 0
 CONFIG ?= noiseid_cli/config/quickstart.yaml
 RUNS ?= runs
 
@@ -47,10 +47,8 @@ test: $(READY) ## Run the tests
 test-browser: $(READY) ## Open the report in headless Chromium, where there is one
 	$(BIN)/python -m pytest -m browser tests/browser
 
-fuzz: $(READY) ## Mutated experiments, models, logs and files, many (FUZZ, FUZZ_FILES); every call to the disk fails
-	FUZZ=$(FUZZ) FUZZ_FILES=$(FUZZ_FILES) $(BIN)/python -m pytest -q tests/config/test_config_fuzz.py \
-		tests/config/test_model_fuzz.py tests/recordings/test_recording_fuzz.py tests/storage/test_file_fuzz.py \
-		tests/commands/test_failing_disk.py
+fuzz: $(READY) ## Hostile experiments, models, logs and files, about 15 minutes (FUZZ_EXAMPLES, FUZZ_SEED)
+	@FUZZ_EXAMPLES=$(FUZZ_EXAMPLES) FUZZ_SEED=$(FUZZ_SEED) $(BIN)/python tests/fuzz.py
 
 lint: $(READY) ## Check style, types and the import floors
 	$(BIN)/ruff check .

@@ -9,6 +9,7 @@ import subprocess
 import time
 
 import pytest
+from fuzz import fuzzing
 from small_experiment import COMMAND, MEASURED, noiseid, write_recordings
 
 from noiseid_cli.errors import NO_MEMORY
@@ -126,17 +127,18 @@ def some(calls):
     `make fuzz` takes every call.
     """
     tables = [n for n, call in enumerate(calls, 1) if call == "open file"]
-    alike = range(tables[1], tables[-1]) if "FUZZ" not in os.environ else ()
+    alike = range(tables[1], tables[-1]) if not fuzzing() else ()
     return [n for n in range(1, len(calls) + 1) if n not in alike]
 
 
-def test_whichever_call_fails_the_run_ends_with_1_and_goes_on_to_the_same_bytes(empty, disk):
+def test_whichever_call_fails_the_run_ends_with_1_and_goes_on_to_the_same_bytes(empty, disk, tried):
     runs = empty / "runs"
     assert noiseid("run", "-q").exit_code == 0
     calls, whole = disk.calls, contents(runs)
     assert len([name for name in whole if name.endswith(".h5")]) == 2
     assert set(calls) == {"mkdir", "open", "write", "fsync", "replace", "open file", "write file"}
     for n, fault in zip(some(calls), itertools.cycle(FAULTS), strict=False):
+        tried()
         shutil.rmtree(runs if n < calls.index("open file") else runs / "small/report")
         disk.reset(n if not runs.exists() else n - reports_begin(calls), fault)
         failed = noiseid("run", "-q")

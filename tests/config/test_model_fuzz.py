@@ -1,19 +1,19 @@
 """Models of any shape and make before `noiseid check`: each is taken, or refused in a sentence; never a traceback.
 
-In the suite some of each; `make fuzz` takes as many as FUZZ says.
+In the suite some of each, in `make fuzz` many.
 """
 
 import json
-import os
 
 import pytest
+from fuzz import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from noiseid_cli.app import app
 
-COUNT = int(os.environ.get("FUZZ", "60"))
+COUNT = examples(60)
 ODD = [
     *(None, True, "", [], {}, [[]], [1], [[1, 2], [3]], [[[1]]], {"name": "x1"}, {"name": "a", "unit": "\x1b[2J"}),
     *("a b", "1x", "lambda", "E", "pi", "S", "I", "zoo", "oo", "__class__", "_", "é", "ﬁ", "x'", "\u202e", "a" * 300),
@@ -123,14 +123,16 @@ def outcome(folder, document, command="check"):
 
 @settings(max_examples=COUNT)
 @given(spoilt(linear_models()))
-def test_linear_models_are_taken_or_refused(folder, drawn):
+def test_linear_models_are_taken_or_refused(folder, tried, drawn):
+    tried()
     outcome(folder, experiment(*drawn))
 
 
-@settings(max_examples=max(5, COUNT // 10))
+@settings(max_examples=examples(6, 40))
 @given(linear_models())
-def test_linear_models_of_any_shape_run(folder, drawn):
+def test_linear_models_of_any_shape_run(folder, tried, drawn):
     """From simulation to report: a status for each, whatever is not observed, not driven or measured twice."""
+    tried()
     model, *sizes = drawn
     model["linear"]["A"][0] = [0.5 if entry == "a" else entry for entry in model["linear"]["A"][0]]
     model.pop("parameters", None)
@@ -283,7 +285,8 @@ def model_files(draw):
 
 @settings(max_examples=COUNT)
 @given(model_files())
-def test_model_files_are_taken_or_refused(folder, source):
+def test_model_files_are_taken_or_refused(folder, tried, source):
+    tried()
     (folder / "cart.py").write_text(source)
     document = experiment({"file": "cart.py", "class": "Cart"}, 2)
     document["simulate"]["trajectory"] = {"kind": "multisine", "amplitude": [1], "lowest": 1, "highest": 5, "lines": 3}

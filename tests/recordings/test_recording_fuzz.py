@@ -1,14 +1,14 @@
 """Logs of any make before `noiseid import` and `noiseid init`: taken, or refused in a sentence; never a traceback.
 
-In the suite some of each; `make fuzz` takes as many as FUZZ (CSV) and FUZZ_FILES (MAT) say.
+In the suite some of each, in `make fuzz` many.
 """
 
 import json
-import os
 import random
 
 import numpy as np
 import pytest
+from fuzz import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import sparse
@@ -17,8 +17,6 @@ from typer.testing import CliRunner
 
 from noiseid_cli.app import app
 
-COUNT = int(os.environ.get("FUZZ", "60"))
-MAT_COUNT = int(os.environ.get("FUZZ_FILES", "60")) // 10
 CELLS = [
     *(
         "",
@@ -168,16 +166,18 @@ def imported(folder, section):
     return outcome("import", "-q", "--force")
 
 
-@settings(max_examples=COUNT)
+@settings(max_examples=examples(60))
 @given(tables(), sections("log.csv"))
-def test_tables_are_imported_or_refused(folder, data, section):
+def test_tables_are_imported_or_refused(folder, tried, data, section):
+    tried()
     (folder / "log.csv").write_bytes(data)
     imported(folder, section)
 
 
-@settings(max_examples=COUNT // 4)
+@settings(max_examples=examples(15, 4))
 @given(tables())
-def test_an_experiment_is_made_of_a_table_or_refused(folder, data):
+def test_an_experiment_is_made_of_a_table_or_refused(folder, tried, data):
+    tried()
     (folder / "log.csv").write_bytes(data)
     if outcome("init", "new.yaml", "--from", "log.csv", "--force").exit_code == 0:
         outcome("check", "new.yaml")
@@ -210,13 +210,14 @@ COLUMNS = {
 }
 
 
-@settings(max_examples=MAT_COUNT)
+@settings(max_examples=examples(6, 10))
 @given(
     st.fixed_dictionaries({name: st.sampled_from(["vector", *COLUMNS]) for name in ("t", "u", "y")}),
     st.booleans(),
     st.integers(0, 2**32),
 )
-def test_mat_files_are_imported_or_refused(folder, kinds, compressed, seed):
+def test_mat_files_are_imported_or_refused(folder, tried, kinds, compressed, seed):
+    tried()
     rng, file = random.Random(seed), folder / "log.mat"
     savemat(file, {name: COLUMNS[kind] for name, kind in kinds.items()}, do_compression=compressed)
     if rng.random() < 0.4:

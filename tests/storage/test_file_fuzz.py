@@ -1,15 +1,15 @@
 """Damaged files of ours, and HDF5 files of others: each ends in one sentence; no traceback, no signal, no hang.
 
-In the suite a few of them; `make fuzz` takes as many as FUZZ_FILES says.
+In the suite a few of them, in `make fuzz` many.
 """
 
-import os
 import random
 import time
 
 import h5py
 import numpy as np
 import pytest
+from fuzz import SEED, examples
 from typer.testing import CliRunner
 
 from noiseid_cli.app import app
@@ -20,8 +20,6 @@ from noiseid_cli.recordings.readers import read_table
 from noiseid_cli.storage.dataset_file import read_dataset, write_dataset
 from noiseid_cli.storage.hdf5 import _SEAL_SIZE, _seal
 
-COUNT = int(os.environ.get("FUZZ_FILES", "60"))
-FOREIGN = max(3, COUNT // 20)
 SLOWEST = 20.0
 
 
@@ -54,9 +52,10 @@ def whole(tmp_path):
     return path
 
 
-def test_damaged_files_of_ours_end_in_a_sentence(whole, tmp_path):
-    rng, data, path = random.Random(1), whole.read_bytes(), tmp_path / "bad.h5"
-    for _ in range(COUNT):
+def test_damaged_files_of_ours_end_in_a_sentence(whole, tmp_path, tried):
+    rng, data, path = random.Random(1 + 1000 * SEED), whole.read_bytes(), tmp_path / "bad.h5"
+    for _ in range(examples(60)):
+        tried()
         bad = damaged(data, rng)
         if bad == data:
             continue
@@ -81,13 +80,14 @@ def test_a_forged_seal_does_not_help(whole, tmp_path):
     assert whole.read_bytes()[-_SEAL_SIZE:] == _seal(whole.read_bytes()[:-_SEAL_SIZE])
 
 
-def test_damaged_files_of_others_end_in_a_sentence_or_in_numbers(tmp_path):
-    good, path, rng = tmp_path / "good.h5", tmp_path / "bad.h5", random.Random(2)
+def test_damaged_files_of_others_end_in_a_sentence_or_in_numbers(tmp_path, tried):
+    good, path, rng = tmp_path / "good.h5", tmp_path / "bad.h5", random.Random(2 + 1000 * SEED)
     with h5py.File(good, "w") as file:
         file["t"] = np.arange(100.0)
         file.create_dataset("log/y", data=np.random.default_rng(0).normal(size=(100, 2)), compression="gzip")
     data = good.read_bytes()
-    for _ in range(FOREIGN):
+    for _ in range(examples(3, 20)):
+        tried()
         path.write_bytes(damaged(data, rng))
         began = time.monotonic()
         said = "bad.h5"
