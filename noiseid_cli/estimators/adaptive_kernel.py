@@ -27,20 +27,22 @@ from noiseid_cli.filters.sigma_steps import (
 )
 from noiseid_cli.models.arrays import copy, copy_matrix
 from noiseid_cli.models.discretisation import transition
-from noiseid_cli.models.handle import borrowed
+from noiseid_cli.models.handle import borrowed, workspace_of
 from noiseid_cli.models.jit import kernel, routine
 from noiseid_cli.models.schemes import DENSITY
 from noiseid_cli.models.signatures import matrix, vector
 
 
 @routine
-def _predict(scheme, drift_jacobian, gain_varies, gain_jacobian, s, u, dt):  # type: ignore[no-untyped-def]
+def _predict(handle, u, dt):  # type: ignore[no-untyped-def]
     """Time update of mean, factor and sensitivities (Table 1); returns a code."""
+    scheme, drift_jacobian, gain_varies = handle.scheme, handle.drift_jacobian, handle.gain_varies
+    s = workspace_of(handle)
     n, nv, unknowns, nq = s.x.shape[0], s.UQ.shape[0], s.theta.shape[0], s.free.shape[0]
     outer, cov0, p, free = s.weights[1], s.weights[2], s.p, s.free
     for i in range(nq):
         s.UQ[free[i], free[i]] = math.sqrt(s.theta[i])
-    _draw(s)
+    _draw(handle)
     for i in range(2 * n + 1):
         copy(s.X[i], s.z)
         transition(scheme, drift_jacobian, s.z, u, dt, p, s.z_next, s.F, s.Gz, s.work)
@@ -55,7 +57,7 @@ def _predict(scheme, drift_jacobian, gain_varies, gain_jacobian, s, u, dt):  # t
     if gain_varies:
         copy(s.z, s.gain_z)
         copy(s.x, s.gain_z)
-        transition(scheme, gain_jacobian, s.gain_z, u, dt, p, s.gain_next, s.gain_F, s.gain_G, s.gain_work)
+        transition(scheme, handle.gain_jacobian, s.gain_z, u, dt, p, s.gain_next, s.gain_F, s.gain_G, s.gain_work)
     for r in range(nv):
         for c in range(n):
             s.noise[r, c] = 0.0
@@ -67,13 +69,13 @@ def _predict(scheme, drift_jacobian, gain_varies, gain_jacobian, s, u, dt):  # t
             for a in range(r + 1):
                 s.QG[r, c] += s.UQ[a, r] * s.noise[a, c]
     weighted_mean(s.X_next, outer, s.x)
-    if not spread(s.X_next, n, s.x, outer, cov0, s.noise, s.W, s.w, s.d, s.U):
+    if not spread(s.X_next, n, s.x, outer, cov0, s.noise, s.stack, s.w, s.d, s.U):
         return INDEFINITE_PREDICTION
     if not _regular(s.U):
         return SINGULAR_STATE
     for j in range(unknowns):
         if gain_varies:
-            _gain_derivative(s, j - nq, j, 1.0 / math.sqrt(dt) if scheme >= DENSITY else 1.0)
+            _gain_derivative(handle, j - nq, j, 1.0 / math.sqrt(dt) if scheme >= DENSITY else 1.0)
         weighted_mean(s.dX_next[j], outer, s.dx[j])
         half_moment(s.X_next, s.x, s.dX_next[j], s.dx[j], n, outer, cov0, s.T)
         for a in range(n):
@@ -91,8 +93,9 @@ def _predict(scheme, drift_jacobian, gain_varies, gain_jacobian, s, u, dt):  # t
 
 
 @routine
-def _draw(s):  # type: ignore[no-untyped-def]
+def _draw(handle):  # type: ignore[no-untyped-def]
     """Sigma points s.X and their derivatives s.dX; the parameters of now into the stacked state s.z."""
+    s = workspace_of(handle)
     n, nq, eta = s.x.shape[0], s.free.shape[0], s.weights[0]
     for i in range(nq, s.theta.shape[0]):
         s.z[n + i - nq] = s.theta[i]
@@ -114,8 +117,9 @@ def _push(F, dx, parameter, out):  # type: ignore[no-untyped-def]
 
 
 @routine
-def _gain_derivative(s, parameter, j, scale):  # type: ignore[no-untyped-def]
+def _gain_derivative(handle, parameter, j, scale):  # type: ignore[no-untyped-def]
     """s.dG = dF2/dx dx_j + dF2/dtheta_j; at the filtered mean, whose derivative is that of the central point."""
+    s = workspace_of(handle)
     n, nv = s.G.shape
     first = s.z.shape[0]
     for a in range(n):
@@ -137,11 +141,12 @@ def _regular(U):  # type: ignore[no-untyped-def]
 
 
 @routine
-def _correct(output_jacobian, s, u, y):  # type: ignore[no-untyped-def]
+def _correct(handle, u, y):  # type: ignore[no-untyped-def]
     """Correction of mean, factor and sensitivities (Table 2, to (d)); s.psi. Returns (code, loglik, observed)."""
+    output_jacobian, s = handle.output_jacobian, workspace_of(handle)
     n, ny, unknowns, nq = s.x.shape[0], y.shape[0], s.theta.shape[0], s.free.shape[0]
     eta, outer, cov0 = s.weights[0], s.weights[1], s.weights[2]
-    _draw(s)
+    _draw(handle)
     for i in range(2 * n + 1):
         copy(s.X[i], s.z)
         output_jacobian(s.z, u, s.p, s.Y[i], s.H)
@@ -164,7 +169,7 @@ def _correct(output_jacobian, s, u, y):  # type: ignore[no-untyped-def]
             s.psi[b, j] = s.dy[j, b]
     code, gain, failed = condition(
         s.x, s.U, s.Y, q, s.y_hat, s.e, s.UR_seen, eta, outer, cov0,
-        s.x_new, s.U_new, s.Uyy, s.Pxy, s.K, s.W, s.w, s.d,
+        s.x_new, s.U_new, s.Uyy, s.B, s.K, s.stack, s.w, s.d,
     )  # fmt: skip
     s.counts[1] += failed
     if code != OK or q == 0:
@@ -182,8 +187,9 @@ def _correct(output_jacobian, s, u, y):  # type: ignore[no-untyped-def]
 
 
 @routine
-def _gate_and_adapt(window, s, q):  # type: ignore[no-untyped-def]
+def _gate_and_adapt(handle, q):  # type: ignore[no-untyped-def]
     """Excitation, gate (eq. 9), theta (eq. 7), projections; returns a code."""
+    window, s = handle.window, workspace_of(handle)
     unknowns, nq, lower, upper = s.theta.shape[0], s.free.shape[0], s.lower, s.upper
     excitation(s.dx, s.counts[0], window, s.peaks[0], s.peak_steps[0], s.peak_ends[0], s.excited)
     excitation(s.open_loop, s.counts[0], window, s.peaks[1], s.peak_steps[1], s.peak_ends[1], s.excited_open)
@@ -191,7 +197,7 @@ def _gate_and_adapt(window, s, q):  # type: ignore[no-untyped-def]
     for j in range(unknowns):
         s.gate[j] = 1.0 if j < nq or s.excited[j] > s.thresholds[j] else 0.0
     if q > 0 and not adapt(
-        s.theta, s.UT, s.UD, s.psi, s.e, s.observed, q, s.weights[3], s.gate, s.rpem_A, s.rpem_L, s.rpem_S, s.W, s.w
+        s.theta, s.UT, s.UD, s.psi, s.e, s.observed, q, s.weights[3], s.gate, s.rpem_A, s.rpem_L, s.rpem_S, s.stack, s.w
     ):
         return SINGULAR_INNOVATION
     for j in range(unknowns):
@@ -207,8 +213,9 @@ def _gate_and_adapt(window, s, q):  # type: ignore[no-untyped-def]
 
 
 @routine
-def _write(s, row):  # type: ignore[no-untyped-def]
+def _write(handle, row):  # type: ignore[no-untyped-def]
     """One row: x, its standard deviations, theta, its standard deviations, both excitations, gate."""
+    s = workspace_of(handle)
     n, p = s.x.shape[0], s.theta.shape[0]
     for c in range(n):
         row[c] = s.x[c]
@@ -243,23 +250,22 @@ def run(handle, first, dt, u, y, stride, rows):  # type: ignore[no-untyped-def]
     Returns:
         (code, samples taken in, log-likelihood of the innovations).
     """
-    scheme, gain_varies, window = handle.scheme, handle.gain_varies, handle.window
-    drift_jacobian, gain_jacobian = handle.drift_jacobian, handle.gain_jacobian
-    output_jacobian, s = handle.output_jacobian, borrowed(handle.workspace)
+    u_before = workspace_of(handle).u_before
+    dt, u, y, rows = borrowed((dt, u, y, rows))
     loglik = 0.0
     for k in range(y.shape[0]):
         if not (first and k == 0):
-            code = _predict(scheme, drift_jacobian, gain_varies, gain_jacobian, s, s.u_before, dt[k])
+            code = _predict(handle, u_before, dt[k])
             if code != OK:
                 return code, k, loglik
-        code, gain, q = _correct(output_jacobian, s, u[k], y[k])
+        code, gain, q = _correct(handle, u[k], y[k])
         if code != OK:
             return code, k, loglik
         loglik += gain
-        code = _gate_and_adapt(window, s, q)
+        code = _gate_and_adapt(handle, q)
         if code != OK:
             return code, k, loglik
-        copy(u[k], s.u_before)
+        copy(u[k], u_before)
         if k % stride == 0:
-            _write(s, rows[k // stride])
+            _write(handle, rows[k // stride])
     return OK, y.shape[0], loglik

@@ -9,6 +9,7 @@ import numpy as np
 from numba import types
 
 from noiseid_cli.filters.ekf import cube
+from noiseid_cli.filters.gram_schmidt import width
 from noiseid_cli.models.compiled import CompiledModel
 from noiseid_cli.models.discretisation import workspace
 from noiseid_cli.models.handle import handle_type, new
@@ -65,7 +66,7 @@ class Workspace(NamedTuple):
     UR_seen: Array
     observed: Array
     Uyy: Array
-    Pxy: Array
+    B: Array
     K: Array
     dK: Array
     z: Array
@@ -86,7 +87,7 @@ class Workspace(NamedTuple):
     rpem_A: Array
     rpem_L: Array
     rpem_S: Array
-    W: Array
+    stack: Array
     w: Array
     d: Array
     work: Array
@@ -155,11 +156,11 @@ def new_workspace(
         "open_loop": (p, n), "gate": p, "excited": p, "excited_open": p, "peaks": (2, p, n, c), "UQ": (nv, nv),
         "x_new": n, "U_new": (n, n), "X": (points, n), "dX": (p, points, n), "X_next": (points, n),
         "dX_next": (p, points, n), "Y": (points, ny), "dY": (p, points, ny), "y_hat": ny, "dy": (p, ny),
-        "psi": (ny, p), "e": ny, "UR_seen": (ny, ny), "Uyy": (ny, ny), "Pxy": (n, ny), "K": (n, ny),
+        "psi": (ny, p), "e": ny, "UR_seen": (ny, ny), "Uyy": (ny, ny), "B": (n, ny), "K": (n, ny),
         "dK": (2, n, ny), "z": nz, "z_next": nz, "F": (nz, nz), "Gz": (nz, nv), "H": (ny, nz), "G": (n, nv),
         "dG": (n, nv), "noise": (nv, n), "QG": (nv, n), "T": (max(n, ny), max(n, ny)), "A": (n, n), "gain_z": ng,
         "gain_next": ng, "gain_F": (ng, ng), "gain_G": (ng, nv), "rpem_A": (p, ny), "rpem_L": (p, ny),
-        "rpem_S": (ny, ny), "W": (max(2 * n + max(ny, nv), p + ny), wide), "w": wide, "d": wide,
+        "rpem_S": (ny, ny), "stack": (wide, width(max(2 * n + 1 + max(ny, nv), p + ny))), "w": wide, "d": wide,
     }  # fmt: skip
     integers = {"peak_steps": (2, p, n, c), "peak_ends": (2, p, n, 2), "counts": 2 + p, "observed": ny, "free": free}
     arrays: dict[str, Any] = {name: np.zeros(shape) for name, shape in shapes.items()}

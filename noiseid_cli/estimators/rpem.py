@@ -9,12 +9,13 @@ from __future__ import annotations
 import math
 
 from noiseid_cli.filters.factors import update
-from noiseid_cli.filters.linalg import backward_solve, forward_solve, triangularise
+from noiseid_cli.filters.gram_schmidt import upper_of_columns
+from noiseid_cli.filters.linalg import backward_solve, forward_solve
 from noiseid_cli.models.jit import routine
 
 
 @routine
-def adapt(theta, UT, UD, psi, e, observed, q, forgetting, is_open, A, L, US, W, w):  # type: ignore[no-untyped-def]
+def adapt(theta, UT, UD, psi, e, observed, q, forgetting, is_open, A, L, US, stack, w):  # type: ignore[no-untyped-def]
     """One step: Delta, Sk, L, Theta, theta, in this order.
 
     Delta <- lambda Delta + (1 - lambda) e e', on the observed outputs; Sk = lambda Delta + psi Theta psi';
@@ -29,7 +30,7 @@ def adapt(theta, UT, UD, psi, e, observed, q, forgetting, is_open, A, L, US, W, 
         forgetting: lambda, in (0, 1].
         is_open: (p,) above 0 where the gate is open.
         A, L: scratch (p, ny), (p, ny); US: scratch (ny, ny).
-        W, w: scratch (p + ny, max(p, ny)), (max(p, ny),).
+        stack, w: scratch (max(p, ny), width(p + ny)), (ny,).
 
     Returns:
         Whether Sk was regular; if not, theta and Theta stay as they are.
@@ -48,15 +49,13 @@ def adapt(theta, UT, UD, psi, e, observed, q, forgetting, is_open, A, L, US, W, 
             A[r, b] = 0.0
             for c in range(r, p):
                 A[r, b] += UT[r, c] * psi[b, c]
-            W[ny + r, b] = A[r, b]
+            stack[b, ny + r] = A[r, b]
         for r in range(ny):
-            W[r, b] = root * UD[r, observed[b]]
-    triangularise(W, ny + p, q, q, w)
+            stack[b, r] = root * UD[r, observed[b]]
+    upper_of_columns(stack, q, ny + p, US)
     for b in range(q):
-        if not W[b, b] > 0.0:
+        if US[b, b] == 0.0:
             return False
-        for c in range(b, q):
-            US[b, c] = W[b, c]
     for j in range(p):
         for b in range(q):
             L[j, b] = 0.0
@@ -73,14 +72,11 @@ def adapt(theta, UT, UD, psi, e, observed, q, forgetting, is_open, A, L, US, W, 
             total = UT[r, j] if r <= j else 0.0
             for b in range(q):
                 total -= A[r, b] * L[j, b]
-            W[r, j] = scale * total
+            stack[j, r] = scale * total
         for r in range(ny):
             total = 0.0
             for b in range(q):
                 total += UD[r, observed[b]] * L[j, b]
-            W[p + r, j] = total
-    triangularise(W, p + ny, p, p, w)
-    for r in range(p):
-        for c in range(p):
-            UT[r, c] = W[r, c] if r <= c else 0.0
+            stack[j, p + r] = total
+    upper_of_columns(stack, p, p + ny, UT)
     return True

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from noiseid_cli.models.jit import routine
 
 
@@ -62,6 +64,65 @@ def downdate(U, m, v, least, c):  # type: ignore[no-untyped-def]
             t = c[i] * carried + v[i] * U[i, j]
             U[i, j] = c[i] * U[i, j] - v[i] * carried
             carried = t
+    return True
+
+
+@routine
+def take_away(U, B, q, least, c, v):  # type: ignore[no-untyped-def]
+    """U'(I - BB')U: q downdates by the columns of U'B, for which B is known and nothing has to be solved.
+
+    The rotations of a downdate [U; 0] -> [U_new; b'U] turn the columns still to come as well: with a last entry of
+    -b'b_j / sqrt(1 - b'b), which the rotations make zero, b_j becomes that of U_new.
+
+    Args:
+        U: (n, n) upper factor with non-negative diagonal, overwritten.
+        B: (n, >= q), overwritten.
+        q: number of columns.
+        least: as in ``downdate``, of each column.
+        c, v: scratch (>= n,).
+
+    Returns:
+        Whether more than that is left each time; if not, U has lost the columns before.
+    """
+    n, q, one = np.uint64(U.shape[0]), np.uint64(q), np.uint64(1)
+    for b in range(q):
+        total = 0.0
+        for r in range(n):
+            total += B[r, b] * B[r, b]
+        left = 1.0 - total
+        if not left > least:
+            return False
+        alpha = math.sqrt(left)
+        for j in range(b + one, q):
+            carried = 0.0
+            for r in range(n):
+                carried -= B[r, b] * B[r, j]
+            v[j] = carried / alpha
+        # All lengths first: their roots do not wait for each other.
+        total = left
+        for back in range(n):
+            i = n - one - back
+            total += B[i, b] * B[i, b]
+            c[i] = math.sqrt(total)
+        for back in range(n):
+            i = n - one - back
+            scale = 1.0 / c[i]
+            cosine, sine = scale * alpha, scale * B[i, b]
+            alpha = c[i]
+            c[i], B[i, b] = cosine, sine
+            for j in range(b + one, q):
+                carried, t = v[j], B[i, j]
+                v[j] = cosine * carried + sine * t
+                B[i, j] = cosine * t - sine * carried
+        for j in range(n):
+            v[j] = 0.0
+        for back in range(n):
+            i = n - one - back
+            cosine, sine = c[i], B[i, b]
+            for j in range(i, n):
+                carried, t = v[j], U[i, j]
+                v[j] = cosine * carried + sine * t
+                U[i, j] = cosine * t - sine * carried
     return True
 
 

@@ -8,6 +8,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from noiseid_cli.errors import EstimationError
 from noiseid_cli.models.jit import routine
 
@@ -59,21 +61,23 @@ def cubature(n: int) -> SigmaWeights:
 @routine
 def draw(x, U, eta, X):  # type: ignore[no-untyped-def]
     """Sigma points of mean x (n,) and upper factor U (n, n), written to X (2n + 1, n), the central one first."""
-    n = x.shape[0]
+    n, one = np.uint64(x.shape[0]), np.uint64(1)
     for c in range(n):
         X[0, c] = x[c]
-        for r in range(n):
+    for r in range(n):
+        for c in range(n):
             d = eta * U[r, c] if r <= c else 0.0
-            X[1 + r, c] = x[c] + d
-            X[1 + n + r, c] = x[c] - d
+            X[one + r, c] = x[c] + d
+            X[one + n + r, c] = x[c] - d
 
 
 @routine
 def weighted_mean(X, outer, out):  # type: ignore[no-untyped-def]
     """Mean of the points X (2n + 1, m), written to out (m,); the central weight is 1 - 2n outer."""
-    for c in range(X.shape[1]):
+    one, points = np.uint64(1), np.uint64(X.shape[0])
+    for c in range(np.uint64(X.shape[1])):
         total = 0.0
-        for r in range(1, X.shape[0]):
+        for r in range(one, points):
             total += X[r, c] - X[0, c]
         # The weights add up to 1: summing differences keeps digits where mean0 is large and negative.
         out[c] = X[0, c] + outer * total

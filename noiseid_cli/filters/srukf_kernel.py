@@ -9,12 +9,13 @@ import numpy as np
 from numba import types
 
 from noiseid_cli.filters.ekf import NOT_FINITE, OK, cube
+from noiseid_cli.filters.gram_schmidt import width
 from noiseid_cli.filters.sigma_points import draw, weighted_mean
 from noiseid_cli.filters.sigma_steps import INDEFINITE_PREDICTION, condition, keep_observed, spread
 from noiseid_cli.models.arrays import copy, copy_matrix
 from noiseid_cli.models.compiled import CompiledModel
-from noiseid_cli.models.discretisation import advance, transition, workspace
-from noiseid_cli.models.handle import borrowed, handle_type, new
+from noiseid_cli.models.discretisation import advance_all, transition, workspace
+from noiseid_cli.models.handle import borrowed, handle_type, new, workspace_of
 from noiseid_cli.models.jit import kernel, routine
 from noiseid_cli.models.recording import Array
 from noiseid_cli.models.schemes import DENSITY, EXACT
@@ -43,9 +44,9 @@ class Workspace(NamedTuple):
     F: Array
     G: Array
     Uyy: Array
-    Pxy: Array
+    B: Array
     K: Array
-    W: Array
+    A: Array
     w: Array
     d: Array
     v: Array
@@ -63,7 +64,7 @@ _WORKSPACE = types.NamedTuple(
     Workspace,
 )  # fmt: skip
 
-HANDLE = handle_type(scheme=types.int64, drift=Drift, drift_jacobian=DriftJacobian, output=Output, state=_WORKSPACE)
+HANDLE = handle_type(scheme=types.int64, drift=Drift, drift_jacobian=DriftJacobian, output=Output, workspace=_WORKSPACE)
 
 
 def new_workspace(model: CompiledModel, own: Array) -> Workspace:
@@ -77,24 +78,25 @@ def new_workspace(model: CompiledModel, own: Array) -> Workspace:
         e(len(model.parameters)), e(3), e((nv, nv)), e((ny, ny)), np.zeros(model.nu),
         e(n), e((n, n)), e(n), e((n, n)), e((2 * n + 1, n)), e((2 * n + 1, n)), e((2 * n + 1, ny)), e(ny), e(ny),
         e((ny, ny)), noise, e((n, n)), e((n, nv)), e((ny, ny)), e((n, ny)), e((n, ny)),
-        e((2 * n + max(ny, nv + len(own)), wide)), e(wide), e(wide), np.zeros(nv), workspace(n, nv),
+        e((wide, width(2 * n + 1 + max(ny, nv + len(own))))), e(wide), e(wide), np.zeros(nv), workspace(n, nv),
         np.full(n, -np.inf), np.full(n, np.inf), np.empty(ny, dtype=np.int64), np.zeros(1 + n, dtype=np.int64),
     )  # fmt: skip
 
 
 @routine
-def _predict(scheme, drift, drift_jacobian, s, u, dt):  # type: ignore[no-untyped-def]
-    """Time update of s.x, s.U over an interval (riva2017_sensitivity_asrukf, Table 1)."""
+def _predict(handle, u, dt):  # type: ignore[no-untyped-def]
+    """Time update of x and U over an interval (riva2017_sensitivity_asrukf, Table 1)."""
+    scheme, drift, drift_jacobian, s = handle.scheme, handle.drift, handle.drift_jacobian, workspace_of(handle)
     n, nv = s.G.shape
     eta, outer, cov0, p = s.weights[0], s.weights[1], s.weights[2], s.p
     draw(s.x, s.U, eta, s.X)
     exact = scheme == EXACT or scheme == EXACT + DENSITY
-    for i in range(2 * n + 1):
-        if exact:
+    if exact:
+        for i in range(1, 2 * n + 1):
             transition(scheme, drift_jacobian, s.X[i], u, dt, p, s.X_next[i], s.F, s.G, s.work)
-            continue
-        advance(scheme, drift, s.X[i], u, s.v, dt, p, s.X_next[i], s.work)
-    transition(scheme, drift_jacobian, s.x, u, dt, p, s.x_new, s.F, s.G, s.work)
+    else:
+        advance_all(scheme, drift, s.X[1:], u, s.v, dt, p, s.X_next[1:], s.work)
+    transition(scheme, drift_jacobian, s.x, u, dt, p, s.X_next[0], s.F, s.G, s.work)
     for r in range(nv):
         for c in range(n):
             total = 0.0
@@ -102,7 +104,7 @@ def _predict(scheme, drift, drift_jacobian, s, u, dt):  # type: ignore[no-untype
                 total += s.UQ[r, a] * s.G[c, a]
             s.noise[r, c] = total
     weighted_mean(s.X_next, outer, s.x)
-    return OK if spread(s.X_next, n, s.x, outer, cov0, s.noise, s.W, s.w, s.d, s.U) else INDEFINITE_PREDICTION
+    return OK if spread(s.X_next, n, s.x, outer, cov0, s.noise, s.A, s.w, s.d, s.U) else INDEFINITE_PREDICTION
 
 
 @kernel(HANDLE(types.int64, Drift, DriftJacobian, Output, _WORKSPACE))
@@ -113,7 +115,7 @@ def prepare(scheme, drift, drift_jacobian, output, state):  # type: ignore[no-un
     handle.drift = drift
     handle.drift_jacobian = drift_jacobian
     handle.output = output
-    handle.state = state
+    handle.workspace = state
     return handle
 
 
@@ -124,14 +126,16 @@ def prepare(scheme, drift, drift_jacobian, output, state):  # type: ignore[no-un
 )  # fmt: skip
 def run(handle, first, dt, u, y, m_pred, U_pred, m_filt, U_filt, innovation):  # type: ignore[no-untyped-def]
     """Take in the samples of y; the arrays from m_pred on are written. Returns (code, samples, loglik)."""
-    scheme, drift, drift_jacobian, output = handle.scheme, handle.drift, handle.drift_jacobian, handle.output
-    s = borrowed(handle.state)
+    output, s = handle.output, workspace_of(handle)
+    dt, u, y, m_pred, U_pred, m_filt, U_filt, innovation = borrowed(
+        (dt, u, y, m_pred, U_pred, m_filt, U_filt, innovation)
+    )
     weights = s.weights
     n = s.x.shape[0]
     loglik = 0.0
     for k in range(y.shape[0]):
         if not (first and k == 0):
-            code = _predict(scheme, drift, drift_jacobian, s, s.u_before, dt[k])
+            code = _predict(handle, s.u_before, dt[k])
             if code != OK:
                 return code, k, loglik
         copy(s.x, m_pred[k])
@@ -140,14 +144,15 @@ def run(handle, first, dt, u, y, m_pred, U_pred, m_filt, U_filt, innovation):  #
         for i in range(2 * n + 1):
             output(s.X[i], u[k], s.p, s.Y[i])
         weighted_mean(s.Y, weights[1], s.y_hat)
-        innovation[k] = y[k] - s.y_hat
+        for b in range(y.shape[1]):
+            innovation[k, b] = y[k, b] - s.y_hat[b]
         q = keep_observed(y[k], s.Y, s.UR, s.observed, s.UR_seen)
         for b in range(q):
             s.y_hat[b] = s.y_hat[s.observed[b]]
             s.e[b] = innovation[k, s.observed[b]]
         code, gain, failed = condition(
             s.x, s.U, s.Y, q, s.y_hat, s.e, s.UR_seen, weights[0], weights[1], weights[2],
-            s.x_new, s.U_new, s.Uyy, s.Pxy, s.K, s.W, s.w, s.d,
+            s.x_new, s.U_new, s.Uyy, s.B, s.K, s.A, s.w, s.d,
         )  # fmt: skip
         s.counts[0] += failed
         if code != OK:

@@ -37,6 +37,16 @@ def handle_type(**fields: Any) -> Any:
     return HandleType(list(fields.items()))  # type: ignore[no-untyped-call]
 
 
+def _uncounted(context: Any, builder: Any, kinds: Any, arrays: Any) -> Any:
+    """The tuple with its arrays' counts of references taken out of them."""
+    for i, kind in enumerate(kinds):
+        array = cgutils.create_struct_proxy(kind)(context, builder, value=builder.extract_value(arrays, i))
+        array.meminfo = cgutils.get_null_value(array.meminfo.type)
+        array.parent = cgutils.get_null_value(array.parent.type)
+        arrays = builder.insert_value(arrays, array._getvalue(), i)
+    return arrays
+
+
 def _borrowed(typing_context: Any, arrays: Any) -> Any:
     """The same tuple of arrays, which no longer count their references.
 
@@ -45,15 +55,26 @@ def _borrowed(typing_context: Any, arrays: Any) -> Any:
     """
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        out = args[0]
-        for i, kind in enumerate(signature.args[0]):
-            array = cgutils.create_struct_proxy(kind)(context, builder, value=builder.extract_value(out, i))
-            array.meminfo = cgutils.get_null_value(array.meminfo.type)
-            array.parent = cgutils.get_null_value(array.parent.type)
-            out = builder.insert_value(out, array._getvalue(), i)
-        return out
+        return _uncounted(context, builder, signature.args[0], args[0])
 
     return arrays(arrays), generate
 
 
 borrowed: Any = intrinsic(_borrowed)
+
+
+def _workspace_of(typing_context: Any, handle: Any) -> Any:
+    """The handle's field ``workspace``, a tuple of arrays, borrowed.
+
+    A routine takes the handle and asks for this: a tuple of many arrays as an argument is copied at each call, word by
+    word, of which there are eight an array.
+    """
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        fields = structref._Utils(context, builder, signature.args[0]).get_data_struct(args[0])
+        return _uncounted(context, builder, signature.return_type, fields.workspace)
+
+    return handle.field_dict["workspace"](handle), generate
+
+
+workspace_of: Any = intrinsic(_workspace_of)

@@ -5,6 +5,7 @@ import pytest
 
 from noiseid_cli.estimators.excitation import excitation, sliding_maximum
 from noiseid_cli.estimators.rpem import adapt
+from noiseid_cli.filters.gram_schmidt import width
 
 
 def dense(theta, Theta, Delta, psi, e, seen, lam, gate):
@@ -39,7 +40,7 @@ def test_factors_follow_the_dense_formula(seed):
         psi[:q], e[:q] = rng.normal(size=(q, p)), rng.normal(size=q)
         observed = np.zeros(ny, dtype=np.int64)
         observed[:q] = seen
-        scratch = (np.empty((p, ny)), np.empty((p, ny)), np.empty((ny, ny)), np.empty((p + ny, p)), np.empty(p))
+        scratch = (np.empty((p, ny)), np.empty((p, ny)), np.empty((ny, ny)), np.empty((p, width(p + ny))), np.empty(ny))
         if q:
             assert adapt(theta, UT, UD, psi, e, observed, q, lam, gate.astype(float), *scratch)
             twin, Theta, Delta = dense(twin, Theta, Delta, psi[:q], e[:q], seen, lam, gate)
@@ -49,7 +50,7 @@ def test_factors_follow_the_dense_formula(seed):
 
 
 def test_a_singular_innovation_covariance_is_reported():
-    scratch = (np.empty((1, 1)), np.empty((1, 1)), np.empty((1, 1)), np.empty((2, 1)), np.empty(1))
+    scratch = (np.empty((1, 1)), np.empty((1, 1)), np.empty((1, 1)), np.empty((1, width(2))), np.empty(1))
     zero = np.zeros((1, 1))
     args = (np.zeros(1), zero.copy(), zero.copy(), np.ones((1, 1)), np.zeros(1), np.zeros(1, dtype=np.int64), 1, 0.9)
     assert not adapt(*args, np.ones(1), *scratch)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from kronecker_factor import kronecker_derivative
 
-from noiseid_cli.filters.factors import factor_derivative, weighted_rank_one
+from noiseid_cli.filters.factors import downdate, factor_derivative, take_away, weighted_rank_one
 
 
 def random_factor(seed, n):
@@ -75,3 +75,30 @@ def test_factor_derivative_is_the_slope_of_cholesky():
     P = U.T @ U
     slope = (np.linalg.cholesky(P + h * dP) - np.linalg.cholesky(P - h * dP)).T / (2 * h)
     assert dU == pytest.approx(slope, abs=1e-8)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_columns_are_taken_away_one_after_the_other(seed):
+    n, q = 5, 1 + seed
+    rng, U = random_factor(seed, n)
+    B = rng.normal(size=(n, q))
+    B *= 0.99 / np.linalg.norm(B, 2)
+    new, whole = U.copy(), np.column_stack([B, np.full(n, np.nan)])
+    assert take_away(new, whole, q, 1e-8, np.empty(n), np.empty(n))
+    # The smallest eigenvalue of I - BB' is 0.02, by whose inverse rounding grows.
+    assert new.T @ new == pytest.approx(U.T @ (np.eye(n) - B @ B.T) @ U, rel=1e-12, abs=1e-12)
+    assert np.array_equal(new, np.triu(new))
+    assert (np.diag(new) > 0.0).all()
+    one_by_one = U.copy()
+    for v in (U.T @ B).T:
+        assert downdate(one_by_one, n, v.copy(), 1e-8, np.empty(n))
+    assert new == pytest.approx(one_by_one, rel=1e-11, abs=1e-12)
+
+
+def test_too_much_taken_away_is_told_at_the_column_that_does_it():
+    U, c, v = np.eye(2), np.empty(2), np.empty(2)
+    assert take_away(U.copy(), np.array([[0.9], [0.0]]), 1, 0.1, c, v)
+    assert not take_away(U.copy(), np.array([[0.9], [0.0]]), 1, 0.2, c, v)
+    twice = np.array([[0.8, 0.8], [0.0, 0.0]])
+    assert take_away(U.copy(), twice.copy(), 1, 0.0, c, v)
+    assert not take_away(U.copy(), twice.copy(), 2, 0.0, c, v)
