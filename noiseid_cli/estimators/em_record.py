@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from noiseid_cli.estimators.em_run import EmRun
+from noiseid_cli.estimators.estimate import plural
 from noiseid_cli.models.recording import Array
 
 
@@ -30,17 +31,20 @@ def safeguards(run: EmRun, linearisation: str) -> list[str]:
     out = []
     rejected = sum(not p.accepted for p in run.points)
     if rejected:
-        out.append(f"{rejected} extrapolated points lowered the log-likelihood and were rejected")
+        out.append(f"{plural(rejected, 'accelerated step')} lowered the log-likelihood: rejected")
     if run.indefinite:
-        out.append(f"{run.indefinite} extrapolated points were no covariances and were left out")
+        out.append(f"{plural(run.indefinite, 'accelerated step')} led to what is no covariance: left out")
     if run.divergences:
-        out.append(f"{len(run.divergences)} extrapolated points made the filter fail: first, {run.divergences[0]}")
+        out.append(
+            f"{plural(len(run.divergences), 'accelerated step')} made the filter fail: first, {run.divergences[0]}"
+        )
     if run.falls:
         other = "linearisation: filtered" if linearisation == "smoothed" else "linearisation: smoothed"
         other = other if run.weights is None else "smoother: extended"
+        steps = plural(len(run.falls), "plain EM step")
         out.append(
-            f"the log-likelihood fell in {len(run.falls)} plain EM steps, by {max(run.falls):.3g} at most: an "
-            f"approximate E-step gives no guarantee; the best point was kept; `{other}` may do better"
+            f"the log-likelihood fell in {steps}, by {max(run.falls):.3g} at most: an approximate E-step gives no "
+            f"guarantee; the best point was kept; `{other}` may do better"
         )
     if run.singular:
         out.append(f"{run.singular} predicted covariances were singular (a state was exactly known)")

@@ -159,3 +159,8 @@ class Estimate:
     parameters: Parameters | None = None
     series: tuple[Series, ...] = ()
     state: dict[str, np.ndarray[Any, Any]] = field(default_factory=dict)
+
+
+def plural(count: int, word: str) -> str:
+    """Such as "1 sample", "3 samples"."""
+    return f"{count} {word}" if count == 1 else f"{count} {word}s"

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from noiseid_cli.estimators.estimate import Columns, Series
+from noiseid_cli.estimators.estimate import Columns, Series, plural
 from noiseid_cli.filters.ekf import FilterDivergedError
 from noiseid_cli.filters.sigma_points import SigmaWeights
 from noiseid_cli.filters.srukf import square_root_unscented_filter
@@ -105,11 +105,6 @@ def ran_through(axis: TimeAxis, loglik: float) -> str:
     """How a run without a failure ended, in words."""
     total = sum(r.samples for r in axis.recordings)
     return f"the filter ran through {plural(total, 'sample')}; log-likelihood of its innovations {loglik:.6g}"
-
-
-def plural(count: int, word: str) -> str:
-    """Such as "1 sample", "3 samples"."""
-    return f"{count} {word}" if count == 1 else f"{count} {word}s"
 
 
 def parameter_columns(model: Model, names: Sequence[str]) -> Columns:

@@ -188,7 +188,7 @@ def test_accepted_points_lose_no_more_than_the_tolerance(tolerance):
     assert jumps.any()
     assert np.all(np.diff(loglik)[jumps] >= -tolerance)
     rejected = int(np.sum(~accepted))
-    assert any(f"{rejected} extrapolated points lowered" in s for s in result.safeguards) == (rejected > 0)
+    assert any(f"{rejected} accelerated step" in s for s in result.safeguards) == (rejected > 0)
 
 
 @pytest.mark.parametrize("stop", ["both", "loglik", "parameters"])
@@ -225,5 +225,5 @@ def test_bad_proposals_cost_passes_and_change_nothing(monkeypatch):
     assert np.array_equal(wild.final.Q, plain.final.Q)
     assert wild.passes > plain.passes
     assert np.sum(wild.trace["accepted"]) == plain.passes
-    for words in ("were no covariances", "lowered the log-likelihood"):
+    for words in ("led to what is no covariance", "lowered the log-likelihood"):
         assert any(words in s for s in wild.safeguards), words
