@@ -60,8 +60,8 @@ format: $(READY) ## Bring the code into the project's format
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-bench: $(BENCH)/.ready ## Time noiseid and its peers side by side; LETTERS=ab takes some of a to g
-	OPENBLAS_NUM_THREADS=1 $(BENCH)/bin/python benchmarks/run.py $(LETTERS)
+bench: $(BENCH)/.ready ## Time noiseid and its peers (LETTERS=ab: some of a to g; WRITE=1: tables to README and docs)
+	OPENBLAS_NUM_THREADS=1 $(BENCH)/bin/python benchmarks/run.py $(LETTERS) $(if $(WRITE),--write)
 
 $(BENCH)/.ready: pyproject.toml constraints.txt benchmarks/requirements.txt
 	$(PYTHON) -m venv $(BENCH)

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 from jax_peers import Peer, cuthbert, dynamax
+from python_model import with_jacobians
 from robot import robot_data
-from textbook import Answer, Measure, Step, compiled_functions, em_pass, python_functions
+from textbook import Answer, Measure, Step, compiled_functions, em_pass
 from timing import Work, checked, compared, peer, side_by_side
 
 from noiseid_cli.estimators.em_statistics import e_step
@@ -58,7 +59,7 @@ def works_of(samples: int) -> dict[str, Work | str]:
     model, recording, _ = robot_data(samples)
     work, ours = noiseid(samples)
     peers = {
-        "textbook NumPy": lambda: textbook(samples, python_functions(load_model("flexible_robot"))),
+        "textbook NumPy": lambda: textbook(samples, with_jacobians(load_model("flexible_robot"))),
         "textbook NumPy, compiled model": lambda: textbook(samples, compiled_functions(model, recording.dt[0])),
         "dynamax, no M-step": lambda: dynamax(samples),
         "cuthbert, no M-step": lambda: cuthbert(samples),

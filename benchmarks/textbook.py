@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from noiseid_cli.models.compiled import CompiledModel
-from noiseid_cli.models.equations import Model
 from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.models.recording import Recording
 
@@ -88,41 +87,5 @@ def compiled_functions(model: CompiledModel, dt: float) -> tuple[Step, Measure]:
         y, H = np.empty(model.ny), np.empty((model.ny, model.nx))
         model.output_jacobian(x, u, model.parameters, y, H)
         return y, H
-
-    return step, measure
-
-
-def python_functions(model: Model) -> tuple[Step, Measure]:
-    """The equations of an Euler model and their derivatives as Python functions, made by sympy.
-
-    ``math`` and not ``numpy`` computes them: of single numbers it is the faster one.
-    """
-    import sympy as sp
-
-    eq, dt = model.equations(), model.sample_time
-    x, v = list(eq.x), list(eq.v)
-
-    def written_out(expressions: Any) -> Any:
-        flat = sp.Matrix(list(expressions))
-        for term, definition in reversed(eq.terms.items()):
-            flat = flat.subs(term, definition)
-        return flat.subs(dict(zip(eq.p, model.vector.tolist(), strict=True)))
-
-    def function(*parts: Any) -> Any:
-        math = [{"sech": lambda z: 1.0 / np.cosh(z)}, "math"]
-        return sp.lambdify([x, list(eq.u)], [part.tolist() for part in parts], modules=math, cse=True)
-
-    driven = written_out(eq.dynamics)
-    drift, output = driven.subs(dict.fromkeys(v, 0)), written_out(eq.output)
-    dynamics = function(drift.T, drift.jacobian(x), driven.jacobian(v))
-    outputs = function(output.T, output.jacobian(x))
-
-    def step(x: Array, u: Array) -> tuple[Array, Array, Array]:
-        f, A, B = dynamics(x.tolist(), u.tolist())
-        return x + dt * np.array(f[0]), np.eye(len(x)) + dt * np.array(A), dt * np.array(B)
-
-    def measure(x: Array, u: Array) -> tuple[Array, Array]:
-        y, H = outputs(x.tolist(), u.tolist())
-        return np.array(y[0]), np.array(H)
 
     return step, measure

@@ -35,7 +35,7 @@ def side_by_side(works: dict[str, Work | str], runs: int = 25, budget: float = 1
     return {name: work if isinstance(work, str) else min(times[name]) for name, work in works.items()}
 
 
-def peer(make: Callable[[], Work]) -> Work | str:
+def peer(make: Callable[[], Work | str]) -> Work | str:
     """What a peer does, or why it cannot be timed here."""
     try:
         return make()

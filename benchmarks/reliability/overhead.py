@@ -1,7 +1,9 @@
 """What a unit costs beside its own work, what a worker process costs, and what two processes gain: one table.
 
-    python benchmarks/reliability/overhead.py
+    python benchmarks/reliability/overhead.py [REPLICATES]
 
+The sweep that is shared out has eight estimates a replicate, and three replicates unless told otherwise: the start of
+the workers is a smaller part of more of them.
 On a machine that is busy the figures say little: its load stands in the table.
 """
 
@@ -26,7 +28,7 @@ from noiseid_cli.pipeline.engine import run_units
 from noiseid_cli.pipeline.units import dataset_units, estimate_units
 from noiseid_cli.storage.dataset_file import write_dataset
 
-SWEEP = ["simulate.samples=50000", "simulate.replicates=3"]  # 24 estimates
+SAMPLES = 50000
 TIMES = 3  # each figure is the median of so many
 
 
@@ -68,7 +70,7 @@ def unit_costs(context: Context) -> tuple[float, float]:
     return bare / len(units), with_work / len(units)
 
 
-def main(folder: Path) -> None:
+def main(folder: Path, replicates: int) -> None:
     """Measure, and print."""
     load = os.getloadavg()[0]
     warm_up()
@@ -76,7 +78,7 @@ def main(folder: Path) -> None:
     bare, with_work = unit_costs(open_experiment(file, folder))
     one = open_experiment(file, folder, ["simulate.replicates=1", "sweep.axes.gain.values=[0.9]"])
     here, apart = (median(one, "simulate", 1, time_limit=limit) for limit in (None, 600.0))
-    sweep = open_experiment(file, folder, SWEEP)
+    sweep = open_experiment(file, folder, [f"simulate.samples={SAMPLES}", f"simulate.replicates={replicates}"])
     count = len(estimate_units(sweep))
     seconds(sweep, "simulate", 1)
     seconds(sweep, "estimate", 1)  # compiled and loaded
@@ -97,4 +99,4 @@ def main(folder: Path) -> None:
 
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory(prefix="overhead-") as place:
-        main(Path(place))
+        main(Path(place), int(sys.argv[1]) if len(sys.argv) > 1 else 3)

@@ -130,8 +130,7 @@ class SquareRootUnscentedFilter:
         self.loglik += loglik
         if code != OK:
             raise EstimationError(f"sample {self.samples + 1}: {FilterDivergedError.words(code)}")
-        U = self._state.U
-        return self._state.x.copy(), np.sqrt(np.einsum("ij,ij->j", U, U))
+        return self._state.x.copy(), self._state.sd.copy()
 
     def _rows(self, N: int) -> tuple[Array, Array, Array, Array, Array]:
         """Arrays for what N samples leave behind, in the order of ``SquareRootFiltered``."""

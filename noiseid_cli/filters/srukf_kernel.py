@@ -32,6 +32,7 @@ class Workspace(NamedTuple):
     u_before: Array  # (nu,) input before the next sample
     x: Array
     U: Array
+    sd: Array  # (n,) standard deviations of x
     x_new: Array
     U_new: Array
     X: Array
@@ -59,8 +60,9 @@ class Workspace(NamedTuple):
 
 _WORKSPACE = types.NamedTuple(
     (vector, vector, matrix, matrix, vector,
-     vector, matrix, vector, matrix, matrix, matrix, matrix, vector, vector, matrix, matrix, matrix, matrix, matrix,
-     matrix, matrix, matrix, vector, vector, vector, vector, vector, vector, types.int64[::1], types.int64[::1]),
+     vector, matrix, vector, vector, matrix, matrix, matrix, matrix, vector, vector, matrix, matrix, matrix, matrix,
+     matrix, matrix, matrix, matrix, vector, vector, vector, vector, vector, vector,
+     types.int64[::1], types.int64[::1]),
     Workspace,
 )  # fmt: skip
 
@@ -76,7 +78,7 @@ def new_workspace(model: CompiledModel, own: Array) -> Workspace:
     e = np.empty
     return Workspace(
         e(len(model.parameters)), e(3), e((nv, nv)), e((ny, ny)), np.zeros(model.nu),
-        e(n), e((n, n)), e(n), e((n, n)), e((2 * n + 1, n)), e((2 * n + 1, n)), e((2 * n + 1, ny)), e(ny), e(ny),
+        e(n), e((n, n)), e(n), e(n), e((n, n)), e((2 * n + 1, n)), e((2 * n + 1, n)), e((2 * n + 1, ny)), e(ny), e(ny),
         e((ny, ny)), noise, e((n, n)), e((n, nv)), e((ny, ny)), e((n, ny)), e((n, ny)),
         e((wide, width(2 * n + 1 + max(ny, nv + len(own))))), e(wide), e(wide), np.zeros(nv), workspace(n, nv),
         np.full(n, -np.inf), np.full(n, np.inf), np.empty(ny, dtype=np.int64), np.zeros(1 + n, dtype=np.int64),
@@ -169,4 +171,9 @@ def run(handle, first, dt, u, y, m_pred, U_pred, m_filt, U_filt, innovation):  #
         copy(s.x, m_filt[k])
         copy_matrix(s.U, U_filt[k])
         copy(u[k], s.u_before)
+    for c in range(n):
+        total = 0.0
+        for r in range(c + 1):
+            total += s.U[r, c] * s.U[r, c]
+        s.sd[c] = math.sqrt(total)
     return OK, y.shape[0], loglik
