@@ -87,10 +87,17 @@ def make_series(source: RecordingSource, table: Table, policy: ProblemPolicy, fi
 
 
 def _scaled(values: Array, scale: float, offset: float) -> Array:
-    """The numbers in the model's unit; left to the bit where there is nothing to do."""
-    if scale != 1.0:
-        values = scale * values
-    return values + offset if offset != 0.0 else values
+    """The numbers in the model's unit, NaN where that is beyond all floats; left to the bit where nothing is to do."""
+    with np.errstate(over="ignore"):
+        if scale != 1.0:
+            values = scale * values
+        if offset != 0.0:
+            values = values + offset
+    return np.where(np.isfinite(values), values, np.nan)
+
+
+def _too_large(raw: float) -> str:
+    return f"is {raw:g}, which scale and offset carry beyond the largest number"
 
 
 def _faults_in_needed(series: Series, table: Table) -> dict[int, list[str]]:
@@ -100,14 +107,16 @@ def _faults_in_needed(series: Series, table: Table) -> dict[int, list[str]]:
     texts = {(cell.row, cell.column): cell.text for cell in table.bad}
     for row in sorted(broken):
         faults.setdefault(row, []).append(texts[row, ""])
-    needed: list[tuple[Key, str]] = [(c.column, f"input '{name}'") for name, c in series.source.inputs.items()]
+    inputs = zip(series.source.inputs.items(), series.u.T, strict=True)
+    needed: list[tuple[Key, str, Array]] = [(c.column, f"input '{name}'", values) for (name, c), values in inputs]
     if series.source.time.column is not None:
-        needed.insert(0, (series.source.time.column, "the time"))
-    for column, label in needed:
-        for k in np.flatnonzero(np.isnan(table.columns[column])).tolist():
+        needed.insert(0, (series.source.time.column, "the time", series.time))
+    for column, label, values in needed:
+        for k in np.flatnonzero(np.isnan(values)).tolist():
             if k not in broken:
-                text = texts.get((k, column))
+                text, raw = texts.get((k, column)), float(table.columns[column][k])
                 cause = "has no value" if text is None else f"is {text!r}, not a finite number"
+                cause = cause if np.isnan(raw) else _too_large(raw)
                 faults.setdefault(k, []).append(f"{label} (column {column!r}) {cause}, and it needs one")
     return faults
 
@@ -120,6 +129,11 @@ def _faults_in_outputs(series: Series, table: Table) -> dict[int, list[str]]:
         if cell.column in names:
             text = f"output '{names[cell.column]}' (column {cell.column!r}) is {cell.text!r}, not a finite number"
             faults.setdefault(cell.row, []).append(text)
+    for (name, c), values in zip(series.source.outputs.items(), series.y.T, strict=True):
+        raw = table.columns[c.column]
+        for k in np.flatnonzero(np.isnan(values) & ~np.isnan(raw)).tolist():
+            text = f"output '{name}' (column {c.column!r}) {_too_large(raw[k])}"
+            faults.setdefault(k, []).append(text)
     return faults
 
 

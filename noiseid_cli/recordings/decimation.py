@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from noiseid_cli.errors import DataError
 from noiseid_cli.models.recording import Array, Recording
 from noiseid_cli.recordings.faults import Findings, counted
 from noiseid_cli.recordings.options import Decimation
@@ -23,6 +24,9 @@ def decimate(recording: Recording, decimation: Decimation, findings: Findings) -
         recording: the test.
         decimation: factor, and what to do with outputs.
         findings: gets a note of what was done.
+
+    Raises:
+        DataError: numbers are so large that their sum is none.
     """
     f = decimation.factor
     t, N = recording.time, recording.samples
@@ -42,7 +46,12 @@ def decimate(recording: Recording, decimation: Decimation, findings: Findings) -
         f"{recording.name}: {counted(len(at), 'sample')} kept of {N}, one in {f}; outputs {done}, inputs averaged over "
         "the longer intervals"
     )
-    u = _average(recording, at)
+    with np.errstate(over="ignore", invalid="ignore"):
+        u = _average(recording, at)
+    if not np.isfinite(u).all() or np.isinf(y).any():
+        raise DataError(
+            f"{recording.name}: numbers are too large to be averaged (decimate); check their unit and scale"
+        )
     return replace(recording, dt=np.diff(at), u=u, y=np.ascontiguousarray(y), start=float(at[0]) if len(at) else 0.0)
 
 

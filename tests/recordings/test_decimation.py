@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from noiseid_cli.errors import DataError
 from noiseid_cli.estimators import em
 from noiseid_cli.estimators.structure import CovarianceStructure
 from noiseid_cli.estimators.unknowns import Unknowns
@@ -52,6 +53,16 @@ def test_a_block_without_a_value_is_missing_and_no_input_is_no_trouble():
     out = decimate(empty, Decimation(2, "average"), Findings())
     assert out.u.shape == (3, 0)
     assert np.isnan(out.y).all()
+
+
+def test_numbers_too_large_to_be_averaged_are_refused():
+    large = replace(UNEQUAL, u=np.full((7, 1), 1e308))
+    with pytest.raises(DataError, match="too large to be averaged"):
+        decimate(large, Decimation(3), Findings())
+    large = replace(UNEQUAL, y=np.full((7, 1), 1e308))
+    with pytest.raises(DataError, match="too large to be averaged"):
+        decimate(large, Decimation(3, "average"), Findings())
+    assert np.all(decimate(large, Decimation(3), Findings()).y == 1e308)
 
 
 def test_a_linear_system_under_held_inputs_is_at_the_same_place():

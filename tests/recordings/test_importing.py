@@ -52,6 +52,24 @@ def test_columns_units_and_order(tmp_path):
     assert data.notes == ()
 
 
+def test_a_scale_beyond_all_numbers_is_a_fault_of_its_row(tmp_path):
+    file = write(tmp_path, [*GOOD, "6,1e10,26,36", "7,17,-1e10,37"])
+    maps = {"tau": ColumnMap("u", scale=1e300)}, {"w": ColumnMap("b"), "q": ColumnMap("a", scale=1e300)}
+    with pytest.raises(DataError) as told:
+        load(file, None, *maps)
+    said = "is {}, which scale and offset carry beyond the largest number"
+    assert f"line 8: input 'tau' (column 'u') {said.format('1e+10')}, and it needs one" in str(told.value)
+    assert f"line 9: output 'q' (column 'a') {said.format('-1e+10')}" in str(told.value)
+    (test,) = load(file, None, *maps, non_number="drop").recordings
+    np.testing.assert_array_equal(test.u[:, 0], 1e300 * np.arange(10.0, 16.0))
+    with pytest.raises(DataError, match=r"the time .*beyond the largest number"):
+        load(file, TimeMap(column="u", scale=1e300))
+    (test,) = load(
+        write(tmp_path, [*GOOD, "6,16,1e10,36"]), None, {"tau": ColumnMap("u")}, maps[1], non_number="mark_missing"
+    ).recordings
+    assert np.argwhere(np.isnan(test.y)).tolist() == [[6, 0]]
+
+
 def test_a_constant_interval_in_place_of_a_time_column(tmp_path):
     (test,) = load(write(tmp_path, GOOD), TimeMap(interval=0.1, offset=2.0)).recordings
     assert test.dt.tolist() == [0.1] * 5
