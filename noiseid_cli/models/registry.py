@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import importlib
+import importlib.machinery
 import importlib.util
 import sys
 import traceback
 from collections.abc import Mapping
 from pathlib import Path
-from types import ModuleType
+from types import CodeType, ModuleType
 
 from noiseid_cli.errors import ModelError
 from noiseid_cli.models.declarations import unknown_name
@@ -105,16 +106,26 @@ def _line(path: Path, error: BaseException) -> int:
     return (lines[-1] or 1) if lines else 1
 
 
+class _SourceLoader(importlib.machinery.SourceFileLoader):
+    """Takes the file as it is now: byte code is kept by whole seconds, and would lie among the user's files."""
+
+    def get_code(self, fullname: str) -> CodeType:
+        """Compile the source."""
+        code: CodeType = self.source_to_code(self.get_data(self.path), self.path)
+        return code
+
+
 def _run(path: Path) -> ModuleType:
     """Import a file under a name of its own, and turn any failure into one sentence with its place."""
     name = f"noiseid_user_model_{hashlib.sha256(str(path).encode()).hexdigest()[:16]}"
-    spec = importlib.util.spec_from_file_location(name, path)
-    if spec is None or spec.loader is None:
+    if path.suffix != ".py":
         raise ModelError(f"{path}: not a Python file; its name must end in .py.")
-    module = importlib.util.module_from_spec(spec)
+    loader = _SourceLoader(name, str(path))
+    module = importlib.util.module_from_spec(importlib.machinery.ModuleSpec(name, loader, origin=str(path)))
+    module.__file__ = str(path)
     sys.modules[name] = module  # dataclasses and the like look their module up
     try:
-        spec.loader.exec_module(module)
+        loader.exec_module(module)
     except (Exception, SystemExit) as error:
         del sys.modules[name]
         line = error.lineno if isinstance(error, SyntaxError) else _line(path, error)

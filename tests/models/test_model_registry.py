@@ -1,6 +1,8 @@
 """Models by name and from files, and their description."""
 
+import os
 import re
+import sys
 from pathlib import Path
 
 import pytest
@@ -60,6 +62,17 @@ def test_missing_or_misnamed_file(tmp_path):
     (tmp_path / "robot.txt").write_text("")
     with pytest.raises(ModelError, match=r"its name must end in \.py"):
         load_model_file(tmp_path / "robot.txt", "Robot")
+
+
+def test_a_model_file_is_taken_as_it_is_now_and_leaves_nothing_beside_it(tmp_path, monkeypatch):
+    """Byte code on the disk would be taken for the file's where both are of one second and one length."""
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)
+    file, text = tmp_path / "pendulum.py", PENDULUM.read_text()
+    for wanted in (0.1, 0.2):
+        file.write_text(text + f"\n\nclass Other(DoublePendulum):\n    sample_time = {wanted}\n")
+        os.utime(file, (1e9, 1e9))
+        assert load_model_file(file, "Other").sample_time == wanted
+    assert list(tmp_path.iterdir()) == [file]
 
 
 @pytest.fixture(params=["flexible_robot", "double_pendulum"])
