@@ -36,7 +36,6 @@ def check(
 
     context = open_job(config, Flags(overrides, seed, out=out, quiet=quiet)).context
     model = context.model
-    model.equations()
     units: dict[str, Sequence[Unit]] = {data_stage(context): dataset_units(context)}
     if context.experiment.estimate or method:
         units["estimate"] = estimate_units(context, method)

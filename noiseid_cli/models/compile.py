@@ -93,6 +93,17 @@ def cache_folder() -> Path:
     return cache_root() / "models"
 
 
+def model_key(model: Model) -> str:
+    """Hash over everything that a model's functions depend on.
+
+    Raises:
+        ModelError: faulty equations.
+    """
+    if isinstance(model, MatrixModel) and model.constant:
+        return model.key()  # without sympy, which takes longer to import than such a model to check
+    return cache_key(model.equations())
+
+
 def cache_key(equations: Equations) -> str:
     """Hash over everything that the generated code depends on."""
     from importlib.metadata import version

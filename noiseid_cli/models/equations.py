@@ -208,12 +208,12 @@ class Model:
         Raises:
             ModelError: it is not a symmetric matrix of that size, or uses other symbols than parameters.
         """
-        import sympy as sp
-
         p = Symbols("p", [q.name for q in self.parameters])
         given = self._call("initial_covariance", p)
         if given is None:
             return None
+        import sympy as sp
+
         where, n = f"{type(self).__name__}.initial_covariance", len(self.states)
         try:
             law = sp.Matrix(given)

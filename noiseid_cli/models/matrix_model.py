@@ -8,6 +8,8 @@ held over each interval as all inputs are: the kernels know nothing of it, and c
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -73,6 +75,12 @@ class MatrixModel(Model):
         parts = ((self.matrices["C"], list(x)), (self.matrices["D"], driven))
         return [sum(_row(M[i], vector, known) for M, vector in parts) for i in range(len(self.outputs))]
 
+    def key(self) -> str:
+        """Hash over constant matrices and the names, which are all that there is: it takes no equations."""
+        groups = (self.states, self.inputs, self.noises, self.outputs)
+        text = json.dumps(["linear", self.matrices, [[q.name for q in group] for group in groups]])
+        return hashlib.sha256(text.encode()).hexdigest()
+
     def compiled(self) -> CompiledModel:
         """The functions that serve every model of constant matrices, without compilation."""
         from dataclasses import replace
@@ -112,7 +120,8 @@ def matrix_model(
         parameters: a value for each name that stands in a matrix.
 
     Raises:
-        MatrixError: a matrix is missing, the shapes or lengths do not fit each other, or a name has no value.
+        MatrixError: a matrix is missing, the shapes or lengths do not fit each other, a noise drives no state, or a
+            name has no value.
     """
     found = _complete(matrices)
     nx, nu, nv, ny = found["A"].shape[-1], found["B"].shape[-1], found["G"].shape[-1], found["C"].shape[-2]
@@ -127,6 +136,7 @@ def matrix_model(
     for letter, M in found.items():
         tables[letter], varying = _constant_part(letter, M)
         series.update(varying)
+    _refuse_idle_noise(tables["G"], groups["noises"])
     values = dict(parameters or {})
     used = sorted({e for M in tables.values() for e in M.ravel() if isinstance(e, str)} - set(series))
     if lacking := [name for name in used if name not in values]:
@@ -197,6 +207,13 @@ def _constant_part(letter: str, M: Any) -> tuple[Any, dict[str, Array]]:
         table[i, j] = f"{letter}_{i + 1}_{j + 1}"
         series[table[i, j]] = np.ascontiguousarray(M[:, i, j])
     return table, series
+
+
+def _refuse_idle_noise(G: Any, noises: Sequence[Quantity]) -> None:
+    for j, noise in enumerate(noises):
+        if all(entry == 0 for entry in G[:, j]):
+            fault = f"column {j + 1} of G is zero: the noise {noise.name} drives no state; leave that column out."
+            raise MatrixError(fault, "G")
 
 
 def _by_name(symbols: Any) -> dict[str, Any]:

@@ -153,11 +153,11 @@ class Context:
         """Key of the model's equations and parameter values: another model makes other results."""
         if self._twin is not None:
             return self._twin.model_digest
-        from noiseid_cli.models.compile import cache_key
+        from noiseid_cli.models.compile import model_key
 
         model = self.model
         known = {name: hashlib.sha256(values.tobytes()).hexdigest() for name, values in model.known_inputs.items()}
-        parts = [cache_key(model.equations()), model.values, model.discretisation, model.sample_time]
+        parts = [model_key(model), model.values, model.discretisation, model.sample_time]
         # Left out where there is none, as it always was.
         text = json.dumps([*parts, known] if known else parts)
         return hashlib.sha256(text.encode()).hexdigest()

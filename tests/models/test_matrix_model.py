@@ -6,7 +6,7 @@ import pytest
 from noiseid_cli.errors import ModelError
 from noiseid_cli.filters.ekf import extended_kalman_filter
 from noiseid_cli.models import Quantity
-from noiseid_cli.models.compile import compile_model
+from noiseid_cli.models.compile import cache_key, compile_model, model_key
 from noiseid_cli.models.describe import describe
 from noiseid_cli.models.known_inputs import with_known_inputs
 from noiseid_cli.models.matrix_model import MatrixNames, matrix_model
@@ -113,11 +113,32 @@ def test_known_inputs_keep_the_order_of_the_model_and_their_length_is_checked():
         ({"A": np.full((2, 2), np.nan)}, "A has an entry that is not a finite number"),
         ({"A": np.ones(3)}, r"A has the shape \(3,\)"),
         ({"A": VARYING, "C": np.ones((7, 2, 2))}, "differ in length: A 20, C 7 samples"),
+        ({"G": [[1.0, 0.0], [0.0, 0.0]]}, "column 2 of G is zero: the noise v2 drives no state"),
+        ({"G": np.zeros((3, 2, 1))}, "column 1 of G is zero: the noise v1 drives no state"),
     ],
 )
 def test_what_does_not_fit_is_told(change, message):
     with pytest.raises(ModelError, match=message):
         matrix_model(CONSTANT | change)
+
+
+def test_a_noise_that_drives_a_state_at_some_times_is_one():
+    assert len(matrix_model({"A": A, "C": C, "G": np.eye(2)[:, :1] * np.arange(5.0)[:, None, None]}).noises) == 1
+    assert len(matrix_model({"A": A, "C": C, "G": [["g"], [0]]}, parameters={"g": 0.0}).noises) == 1
+
+
+def test_key_of_constant_matrices_follows_numbers_and_names():
+    """Two models have one key if and only if their equations are the same ones."""
+    names = MatrixNames(states=(Quantity("p", "m"), Quantity("w")))
+    models = [
+        matrix_model(CONSTANT | change) for change in ({}, {"A": np.array(A)}, {"A": np.eye(2)}, {"C": np.eye(2)})
+    ]
+    models += [matrix_model(CONSTANT, names), matrix_model(CONSTANT | {"D": [[0], [0.25]]}, sample_time=0.5)]
+    models.append(matrix_model(CONSTANT | {"A": [["a", 0.1], [0, 0.5]]}, parameters={"a": 0.9}))
+    keys, equations = [model_key(m) for m in models], [cache_key(m.equations()) for m in models]
+    for i in range(len(models)):
+        assert [k == keys[i] for k in keys] == [e == equations[i] for e in equations], i
+    assert len(set(keys)) == 5
 
 
 def test_missing_matrices_and_names_of_another_number():
