@@ -49,8 +49,8 @@ def to_answer(problem: Problem) -> dict[str, tuple[int, float]]:
     }
     found = {}
     for name, run in runs.items():
-        run()
-        found[name] = run()
+        run()  # compiles
+        found[name] = min((run() for _ in range(3)), key=lambda result: result.seconds)
     best = max(result.loglik for result in found.values())
     out = {}
     for name, result in found.items():

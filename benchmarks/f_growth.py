@@ -43,7 +43,7 @@ def rows() -> list[list[str]]:
     table = []
 
     def add(label: str, sizes: tuple[int, ...], make) -> None:  # type: ignore[no-untyped-def]
-        times = side_by_side({str(size): make(size) for size in sizes}, runs=3, budget=5.0)
+        times = side_by_side({str(size): make(size) for size in sizes}, runs=15, budget=3.0)
         parts = [f"{size:,}: {seconds(times[str(size)])}" for size in sizes]
         table.append([label, "; ".join(parts), "", ""])
 

@@ -150,23 +150,29 @@ def factor_derivative(U, dP, dU, A):  # type: ignore[no-untyped-def]
         dU: (n, n), written.
         A: scratch (n, n).
     """
-    n = U.shape[0]
-    for c in range(n):
-        for r in range(n):
+    n, one = np.uint64(U.shape[0]), np.uint64(1)
+    # Both solves keep to the upper half, U^-T dP U^-1 being symmetric; 1 / U[r, r] waits in a row that is written last.
+    scale = dU[0]
+    for r in range(n):
+        scale[r] = 1.0 / U[r, r]
+        for c in range(r, n):
             total = dP[r, c]
             for k in range(r):
                 total -= U[k, r] * A[k, c]
-            A[r, c] = total / U[r, r]
+            A[r, c] = scale[r] * total
     for r in range(n):
-        for c in range(n):
-            for k in range(c):
-                A[r, c] -= A[r, k] * U[k, c]
-            A[r, c] /= U[c, c]
+        for c in range(r, n):
+            total = A[r, c]
+            for k in range(r):
+                total -= A[k, r] * U[k, c]
+            for k in range(r, c):
+                total -= A[r, k] * U[k, c]
+            A[r, c] = scale[c] * total
     for r in range(n):
         for c in range(n):
             total = 0.0
             if r <= c:
                 total = 0.5 * A[r, r] * U[r, c]
-                for k in range(r + 1, c + 1):
+                for k in range(r + one, c + one):
                     total += A[r, k] * U[k, c]
             dU[r, c] = total

@@ -6,6 +6,8 @@ here is that of the number which ``sigma_steps`` computes, its gain included.
 
 from __future__ import annotations
 
+import numpy as np
+
 from noiseid_cli.filters.factors import factor_derivative
 from noiseid_cli.filters.linalg import backward_solve, forward_solve
 from noiseid_cli.models.jit import routine
@@ -14,12 +16,16 @@ from noiseid_cli.models.jit import routine
 @routine
 def half_moment(X, x, dX, dx, m, outer, cov0, T):  # type: ignore[no-untyped-def]
     """T = sum_i w_i (dX_i - dx)(X_i - x)' over the first m columns; T + T' is the derivative of the covariance."""
+    m, points = np.uint64(m), np.uint64(X.shape[0])
     for a in range(m):
         for b in range(m):
-            total = 0.0
-            for i in range(1, X.shape[0]):
-                total += (dX[i, a] - dx[a]) * (X[i, b] - x[b])
-            T[a, b] = outer * total + cov0 * (dX[0, a] - dx[a]) * (X[0, b] - x[b])
+            T[a, b] = 0.0
+    for i in range(points):
+        weight = cov0 if i == 0 else outer
+        for a in range(m):
+            shift = weight * (dX[i, a] - dx[a])
+            for b in range(m):
+                T[a, b] += shift * (X[i, b] - x[b])
 
 
 @routine
