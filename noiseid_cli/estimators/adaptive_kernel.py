@@ -28,12 +28,12 @@ from noiseid_cli.filters.sigma_steps import (
 from noiseid_cli.models.arrays import copy, copy_matrix
 from noiseid_cli.models.discretisation import transition
 from noiseid_cli.models.handle import borrowed, workspace_of
-from noiseid_cli.models.jit import kernel, routine
+from noiseid_cli.models.jit import allocating, kernel, routine
 from noiseid_cli.models.schemes import DENSITY
 from noiseid_cli.models.signatures import matrix, vector
 
 
-@routine
+@allocating
 def _predict(handle, u, dt):  # type: ignore[no-untyped-def]
     """Time update of mean, factor and sensitivities (Table 1); returns a code."""
     scheme, drift_jacobian, gain_varies = handle.scheme, handle.drift_jacobian, handle.gain_varies
@@ -92,7 +92,7 @@ def _predict(handle, u, dt):  # type: ignore[no-untyped-def]
     return OK
 
 
-@routine
+@allocating
 def _draw(handle):  # type: ignore[no-untyped-def]
     """Sigma points s.X and their derivatives s.dX; the parameters of now into the stacked state s.z."""
     s = workspace_of(handle)
@@ -116,7 +116,7 @@ def _push(F, dx, parameter, out):  # type: ignore[no-untyped-def]
         out[c] = total
 
 
-@routine
+@allocating
 def _gain_derivative(handle, parameter, j, scale):  # type: ignore[no-untyped-def]
     """s.dG = dF2/dx dx_j + dF2/dtheta_j; at the filtered mean, whose derivative is that of the central point."""
     s = workspace_of(handle)
@@ -140,7 +140,7 @@ def _regular(U):  # type: ignore[no-untyped-def]
     return smallest > 0.0
 
 
-@routine
+@allocating
 def _correct(handle, u, y):  # type: ignore[no-untyped-def]
     """Correction of mean, factor and sensitivities (Table 2, to (d)); s.psi. Returns (code, loglik, observed)."""
     output_jacobian, s = handle.output_jacobian, workspace_of(handle)
@@ -186,7 +186,7 @@ def _correct(handle, u, y):  # type: ignore[no-untyped-def]
     return OK, gain, q
 
 
-@routine
+@allocating
 def _gate_and_adapt(handle, q):  # type: ignore[no-untyped-def]
     """Excitation, gate (eq. 9), theta (eq. 7), projections; returns a code."""
     window, s = handle.window, workspace_of(handle)
@@ -212,7 +212,7 @@ def _gate_and_adapt(handle, q):  # type: ignore[no-untyped-def]
     return OK
 
 
-@routine
+@allocating
 def _write(handle, row):  # type: ignore[no-untyped-def]
     """One row: x, its standard deviations, theta, its standard deviations, both excitations, gate."""
     s = workspace_of(handle)
@@ -236,6 +236,7 @@ def _write(handle, row):  # type: ignore[no-untyped-def]
     types.Tuple((types.int64, types.int64, types.float64))(
         HANDLE, types.boolean, vector, matrix, matrix, types.int64, matrix,
     ),
+    allocates=True,
 )  # fmt: skip
 def run(handle, first, dt, u, y, stride, rows):  # type: ignore[no-untyped-def]
     """Take in the samples of y; nothing is allocated.

@@ -116,7 +116,10 @@ HANDLE = handle_type(
 )
 
 
-@kernel(HANDLE(types.int64, DriftJacobian, types.boolean, DriftJacobian, OutputJacobian, types.int64, _WORKSPACE))
+@kernel(
+    HANDLE(types.int64, DriftJacobian, types.boolean, DriftJacobian, OutputJacobian, types.int64, _WORKSPACE),
+    allocates=True,
+)
 def prepare(scheme, drift_jacobian, gain_varies, gain_jacobian, output_jacobian, window, workspace):  # type: ignore[no-untyped-def]
     """The handle for ``adaptive_kernel.run``.
 

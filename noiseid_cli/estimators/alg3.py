@@ -235,7 +235,7 @@ def _safeguards(run: _Run) -> list[str]:
     return out
 
 
-@kernel(types.int64(types.int64, DriftJacobian, vector, vector, matrix, matrix, matrix))
+@kernel(types.int64(types.int64, DriftJacobian, vector, vector, matrix, matrix, matrix), allocates=True)
 def _noise(scheme, drift_jacobian, p, dt, u, m, v):  # type: ignore[no-untyped-def]
     """Write v_k = F2^+(m_k) (m_{k+1} - F1(m_k, u_k)). Returns the sample where F2 lacks full column rank, or -1."""
     N, n = m.shape
@@ -246,14 +246,15 @@ def _noise(scheme, drift_jacobian, p, dt, u, m, v):  # type: ignore[no-untyped-d
     J1 = np.empty((n, n))
     F2 = np.empty((n, nv))
     work = workspace(n, nv)
-    L = np.empty((n, nv + 1))
-    w = np.empty(nv + 1)
+    L, pivot_column = np.empty((n, nv + 1)), np.empty(nv, dtype=np.int64)
     for k in range(N - 1):
         transition(scheme, drift_jacobian, m[k], u[k], dt[k], p, x_next, J1, F2, work)
         for i in range(n):
             for c in range(nv):
                 L[i, c] = F2[i, c]
             L[i, nv] = m[k + 1, i] - x_next[i]
-        if not left_solve(L, nv, nv + 1, v[k : k + 1], w):
+        if not left_solve(L, nv, nv + 1, pivot_column):
             return k
+        for c in range(nv):
+            v[k, c] = L[c, nv]
     return -1

@@ -157,7 +157,7 @@ def _extended(
         dt, u, y = (np.ascontiguousarray(a) for a in (part.dt, part.u, part.y))
         dependent = gather_back(
             model.scheme, model.drift_jacobian, model.output_jacobian, model.parameters, dt, u, y, UR,
-            f.m_pred, f.m_filt, f.gain, f.C, f.source, f.H, f.innovation,
+            f.m_pred, f.m_filt, f.gain_t, f.C, f.source, f.H, f.innovation,
             linearisation, blocks, *end, gather.sum_v, gather.sum_e, gather.samples,
         )  # fmt: skip
         _refuse_dependent(part, dependent)

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
-from noiseid_cli.filters.linalg import add_products, rows_of, triangularise
-from noiseid_cli.models.jit import routine
+import numpy as np
+
+from noiseid_cli.filters.linalg import add_products, products, transpose, triangularise, upper_times
+from noiseid_cli.models.jit import allocating, routine
+from noiseid_cli.models.vectors import blocks
 
 
 @routine
@@ -29,7 +33,7 @@ def _complete(UR, block, seen, E, rows, W, w):  # type: ignore[no-untyped-def]
                 W[r, p] = UR[r, i]
             p += 1
     # [R_oo factor, its product with R_om; 0, factor of R_mm given o].
-    triangularise(W, ny, p, p, w)
+    triangularise(W, ny, p, p)
     for r in range(rows):
         for a in range(q):
             w[a] = 0.0
@@ -88,39 +92,62 @@ def add_sample(E, rows, seen, UR, block_of, block, sum_e, samples, W, w):  # typ
     add_products(E, rows, sum_e)
 
 
+class Scratch(NamedTuple):
+    """What ``add_measured`` works in; rows are as long as their blocks of eight."""
+
+    Ht: Any  # (n, blocks(ny)), H'
+    E: Any  # (n + 1 + ny, blocks(ny)), factor rows of the errors
+    P: Any  # (ny, blocks(ny)), their products: the spread
+    W: Any  # (ny, ny)
+    w: Any  # (ny,)
+    seen: Any  # (ny,)
+    block: Any  # (ny,)
+
+
+@allocating
+def scratch(n, ny):  # type: ignore[no-untyped-def]
+    """Make the scratch matrices."""
+    return Scratch(
+        np.zeros((n, blocks(ny))), np.zeros((n + 1 + ny, blocks(ny))), np.zeros((ny, blocks(ny))),
+        np.empty((ny, ny)), np.empty(ny), np.empty(ny, dtype=np.bool_), np.empty(ny, dtype=np.int64),
+    )  # fmt: skip
+
+
 @routine
-def add_measured(y, y_hat, H, U, fresh, UR, block_of, seen, block, E, W, w, spread, sum_e, samples):  # type: ignore[no-untyped-def]
+def add_measured(y, y_hat, H, U, fresh, UR, block_of, sum_e, samples, s):  # type: ignore[no-untyped-def]
     """Add E[e e' | y] of one sample: rows U H' and the residual, completed where outputs are missing.
 
     Args:
         y, y_hat: (ny,) outputs, NaN where missing, and their expectation; H: (ny, n); U: (n, n) smoothed factor.
-        fresh: whether H or U are others than in the last call, which ``spread`` (ny, ny) then is not that of.
+        fresh: whether H or U are others than in the last call, which the spread then is not that of.
         UR, block_of, sum_e, samples: as in ``add_sample``.
-        seen, block, E, W, w: scratch (ny,), (ny,), (n + 1 + ny, ny), (ny, ny), (ny,).
+        s: ``Scratch``.
 
     Returns:
-        Whether ``spread`` is that of H and U now: it is not where outputs are missing.
+        Whether the spread is that of H and U now: it is not where outputs are missing.
     """
     ny, n = H.shape
     count = 0
     for i in range(ny):
-        seen[i] = not math.isnan(y[i])
-        count += 1 if seen[i] else 0
+        s.seen[i] = not math.isnan(y[i])
+        count += 1 if s.seen[i] else 0
     if count == 0:
         return False
     if fresh or count < ny:
-        rows_of(U, H, 0, ny, E, 0, 0)
+        transpose(H, s.Ht)
+        upper_times(U, s.Ht, s.E, 0)
     if fresh and count == ny:
-        spread[:] = 0.0
-        add_products(E, n, spread)
+        products(s.E, n, s.P)
     for i in range(ny):
-        if not seen[i]:
-            E[:n, i] = 0.0
-        E[n, i] = y[i] - y_hat[i] if seen[i] else 0.0
+        if not s.seen[i]:
+            for r in range(n):
+                s.E[r, i] = 0.0
+        s.E[n, i] = y[i] - y_hat[i] if s.seen[i] else 0.0
     if count == ny:
-        sum_e += spread
-        add_products(E[n:], 1, sum_e)
-        samples += 1.0
+        for i in range(ny):
+            for j in range(ny):
+                sum_e[i, j] += s.E[n, i] * s.E[n, j] + s.P[i, j]
+            samples[i] += 1.0
     else:
-        add_sample(E, n + 1, seen, UR, block_of, block, sum_e, samples, W, w)
+        add_sample(s.E, n + 1, s.seen, UR, block_of, s.block, sum_e, samples, s.W, s.w)
     return count == ny

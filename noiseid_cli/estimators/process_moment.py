@@ -5,88 +5,109 @@ Rows are multiplied and added up: nothing is subtracted, so that the sum is symm
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
 
-from noiseid_cli.filters.linalg import add_products, left_solve, rows_of
-from noiseid_cli.models.jit import routine
+from noiseid_cli.filters.linalg import left_solve, products, transpose, upper_times
+from noiseid_cli.models.jit import allocating, routine
+from noiseid_cli.models.vectors import EIGHT, blocks, clear, load, plus, rows_out, store, times
+
+
+class Scratch(NamedTuple):
+    """What the steps work in; rows are as long as their blocks of eight."""
+
+    A: Any  # (n, ...), [F2 I] and then its solution
+    L: Any  # (nv, n), F2^+
+    Lt: Any  # (n, blocks(nv)), its transpose
+    B: Any  # (n, blocks(nv)), (L J1)'
+    W: Any  # (rows + n, blocks(nv)), factor rows of v_k
+    P: Any  # (nv, blocks(nv)), their products: the spread
+    v: Any  # (nv,), the mean of v_k
+    pivot_column: Any  # (nv,)
+
+
+@allocating
+def scratch(n, nv, rows):  # type: ignore[no-untyped-def]
+    """Make the scratch matrices."""
+    columns = max(blocks(nv + n), nv + blocks(n))
+    return Scratch(
+        np.zeros((n, columns)), np.zeros((nv, n)), np.zeros((n, blocks(nv))), np.zeros((n, blocks(nv))),
+        np.zeros((rows + n, blocks(nv))), np.zeros((nv, blocks(nv))), np.zeros(nv), np.zeros(nv, dtype=np.int64),
+    )  # fmt: skip
 
 
 @routine
-def add_mean(L, r, row, sum_v):  # type: ignore[no-untyped-def]
-    """Add (L r)(L r)' of L (nv, n) and r (n,) to sum_v; row (1, nv) is scratch."""
+def add_moment(L, r, s, sum_v):  # type: ignore[no-untyped-def]
+    """Add (L r)(L r)' of L (nv, n) and r (n,), and the spread, to sum_v."""
     nv, n = L.shape
     for c in range(nv):
-        row[0, c] = 0.0
+        s.v[c] = 0.0
         for j in range(n):
-            row[0, c] += L[c, j] * r[j]
-    add_products(row, 1, sum_v)
+            s.v[c] += L[c, j] * r[j]
+    for c in range(nv):
+        for d in range(nv):
+            sum_v[c, d] += s.v[c] * s.v[d] + s.P[c, d]
 
 
 @routine
-def spread_filtered(U_next, gain, C, W, total):  # type: ignore[no-untyped-def]
-    """Write Cov(v_k | y) under the filter's linearisation, the smoother's own posterior, to ``total``.
+def spread_filtered(n, joint, s):  # type: ignore[no-untyped-def]
+    """Write Cov(v_k | y) under the filter's linearisation, the smoother's own posterior, as the spread.
 
-    Args:
-        U_next: (n, n) smoothed factor at k + 1; gain: (n + nv, n) and C: (rows, n + nv) of the step.
-        W: scratch (rows + n, nv).
+    joint: (rows + n, >= n + nv) factor of (x_k, v_k), see ``smoother.carry_joint``.
     """
-    nv, n = total.shape[0], U_next.shape[0]
-    rows = C.shape[0]
-    for r in range(rows):
-        for c in range(nv):
-            W[r, c] = C[r, n + c]
-    rows_of(U_next, gain, n, nv, W, rows, 0)
-    total[:] = 0.0
-    add_products(W, rows + n, total)
+    for r in range(s.W.shape[0]):
+        for c in range(s.P.shape[0]):
+            s.W[r, c] = joint[r, n + c]
+    products(s.W, s.W.shape[0], s.P)
 
 
 @routine
-def left_inverse(F2, A, X, w, L):  # type: ignore[no-untyped-def]
-    """Write F2^+ (nv, n) to L; returns whether F2 (n, nv) has full column rank. A, X, w are scratch."""
+def left_inverse(F2, s):  # type: ignore[no-untyped-def]
+    """Write F2^+ (nv, n) to L; returns whether F2 (n, nv) has full column rank."""
     n, nv = F2.shape
     for i in range(n):
         for c in range(nv):
-            A[i, c] = F2[i, c]
-        for j in range(n):
-            A[i, nv + j] = 1.0 if i == j else 0.0
-    if not left_solve(A, nv, nv + n, X, w):
+            s.A[i, c] = F2[i, c]
+        clear(s.A, i, nv)
+        s.A[i, nv + i] = 1.0
+    if not left_solve(s.A, nv, nv + n, s.pivot_column):
         return False
-    for c in range(nv):
-        for i in range(n):
-            L[c, i] = X[i, c]
+    rows_out(s.A, 0, nv, s.L)
+    transpose(s.L, s.Lt)
     return True
 
 
 @routine
-def spread_smoothed(L, J1, U_next, gain, C, B, D, W, total):  # type: ignore[no-untyped-def]
-    """Write L (-J1 I) P^xi (-J1 I)' L' of the paper's M-step, L = F2^+, to ``total``.
+def spread_smoothed(J1, U_next, joint, s):  # type: ignore[no-untyped-def]
+    """Write L (-J1 I) P^xi (-J1 I)' L' of the paper's M-step, L = F2^+, as the spread.
 
-    It is the sum of products of the rows -C_x (L J1)' and U_next (L - L J1 X)'.
+    Rows of a factor of (x_{k+1}, x_k) are [0; U_next] and those of ``joint``, so that those of v_k are
+    [0; U_next L'] - joint (L J1)'.
 
     Args:
-        L: (nv, n); J1: (n, n); U_next, gain, C: as in ``spread_filtered``.
-        B, D, W: scratch (nv, n), (nv, n), (rows + n, nv).
+        J1: (n, n); U_next: (n, n) smoothed factor at k + 1.
+        joint: (rows + n, >= n), its first columns a factor of x_k, see ``smoother.carry_joint``.
+        s: ``Scratch``, with L as ``left_inverse`` left it.
     """
-    nv, n = np.uint64(L.shape[0]), np.uint64(L.shape[1])
-    rows = np.uint64(C.shape[0])
-    for c in range(nv):
+    n, one = np.uint64(J1.shape[0]), np.uint64(1)
+    count = np.uint64(s.W.shape[0])
+    rows = count - n
+    for block in range(np.uint64(s.Lt.shape[1]) // EIGHT):
+        c = block * EIGHT
         for j in range(n):
-            B[c, j] = 0.0
-            D[c, j] = L[c, j]
-        for i in range(n):
-            a = L[c, i]
-            if a != 0.0:
-                for j in range(n):
-                    B[c, j] += a * J1[i, j]
-        for i in range(n):
-            a = B[c, i]
+            sums = times(-J1[0, j], load(s.Lt, 0, c))
+            for i in range(one, n):
+                sums = plus(sums, -J1[i, j], load(s.Lt, i, c))
+            store(s.B, j, c, sums)
+    for r in range(rows):
+        clear(s.W, r, 0)
+    upper_times(U_next, s.Lt, s.W, rows)
+    for block in range(np.uint64(s.Lt.shape[1]) // EIGHT):
+        c = block * EIGHT
+        for r in range(count):
+            sums = load(s.W, r, c)
             for j in range(n):
-                D[c, j] -= a * gain[i, j]
-        for r in range(rows):
-            product = 0.0
-            for j in range(n):
-                product -= C[r, j] * B[c, j]
-            W[r, c] = product
-    rows_of(U_next, D, 0, nv, W, rows, 0)
-    total[:] = 0.0
-    add_products(W, rows + n, total)
+                sums = plus(sums, joint[r, j], load(s.B, j, c))
+            store(s.W, r, c, sums)
+    products(s.W, count, s.P)

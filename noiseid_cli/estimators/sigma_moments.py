@@ -31,6 +31,7 @@ from noiseid_cli.models.signatures import DriftJacobian, Output, matrix, vector
         types.int64, DriftJacobian, vector, vector, matrix, types.float64, types.float64, matrix, cube, cube, cube,
         matrix,
     ),
+    allocates=True,
 )  # fmt: skip
 def process_sigma(scheme, drift_jacobian, p, dt, u, eta, centre, m, U, T, V, sum_v):  # type: ignore[no-untyped-def]
     """Add E[v v' | y] to sum_v. Returns the sample where F2 lacks full column rank, or -1.
@@ -52,8 +53,7 @@ def process_sigma(scheme, drift_jacobian, p, dt, u, eta, centre, m, U, T, V, sum
     mean, rows = np.empty(columns), np.empty((2 * n, columns))
     x_next, F, G = np.empty(n), np.empty((n, n)), np.empty((n, nv))
     work = workspace(n, nv)
-    L = np.empty((n, nv + 1 + n))
-    w = np.empty(nv + 1 + n)
+    L, pivot_column = np.empty((n, nv + 1 + n)), np.empty(nv, dtype=np.int64)
     for k in range(N - 1):
         draw(m[k], U[k], eta, X)
         for i in range(points):
@@ -69,8 +69,11 @@ def process_sigma(scheme, drift_jacobian, p, dt, u, eta, centre, m, U, T, V, sum
                 L[r, nv] = (m[k + 1, r] - x_next[r]) + step
                 for j in range(n):
                     L[r, nv + 1 + j] = V[k, j, r]
-            if not left_solve(L, nv, nv + 1 + n, values[i].reshape(1 + n, nv), w):
+            if not left_solve(L, nv, nv + 1 + n, pivot_column):
                 return k
+            for c in range(nv):
+                for j in range(1 + n):
+                    values[i, j * nv + c] = L[c, nv + j]
         split(values, eta, centre, mean, rows)
         # The mean, then the spread of what one row each of r and V gives.
         add_products(mean.reshape(1 + n, nv), 1 + n, sum_v)
@@ -84,6 +87,7 @@ def process_sigma(scheme, drift_jacobian, p, dt, u, eta, centre, m, U, T, V, sum
         Output, vector, matrix, matrix, types.float64, types.float64, matrix, cube, matrix, types.int64[::1],
         matrix, vector,
     ),
+    allocates=True,
 )  # fmt: skip
 def measurement_sigma(output, p, u, y, eta, centre, m, U, UR, block_of, sum_e, samples):  # type: ignore[no-untyped-def]
     """Add E[e e' | y], completed where outputs are missing, as ``measurement_moment.measurement`` does."""

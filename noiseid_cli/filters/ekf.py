@@ -14,7 +14,7 @@ import numpy as np
 from numba import types
 
 from noiseid_cli.errors import NoiseidError
-from noiseid_cli.filters.ekf_steps import correct, predict, predict_joint, update
+from noiseid_cli.filters.ekf_steps import correct, predict, predict_joint, scratch, update
 from noiseid_cli.filters.linalg import upper_factor
 from noiseid_cli.filters.rest import at_rest, same
 from noiseid_cli.models.arrays import copy_matrix
@@ -124,7 +124,7 @@ def extended_kalman_filter(
     innovation = np.empty((N, ny))
     m_pred[0], U_pred[0] = start or (noise.m0[test], upper_factor(noise.P0, "the initial covariance P0"))
     arrays = (m_pred, U_pred, m_filt, U_filt, F, G, H, innovation)
-    unwanted = (np.empty((0, n + nv, n)), np.empty((0, nv, n + nv)), np.empty(0, dtype=np.int64))
+    unwanted = (np.empty((0, n, n + nv)), np.empty((0, nv, n + nv)), np.empty(0, dtype=np.int64))
     code, step, loglik, _ = run_filter(*problem_of(model, recording, noise), *arrays, *unwanted)
     if code != OK:
         raise FilterDivergedError(code, step, recording)
@@ -164,31 +164,41 @@ def _same_measured(innovation, other):  # type: ignore[no-untyped-def]
         types.int64, DriftJacobian, OutputJacobian, vector, vector, matrix, matrix, matrix, matrix,
         matrix, cube, matrix, cube, cube, cube, cube, matrix, cube, cube, types.int64[::1],
     ),
+    allocates=True,
 )  # fmt: skip
 def run_filter(  # type: ignore[no-untyped-def]
     scheme, drift_jacobian, output_jacobian, p, dt, u, y, UQ, UR,
-    m_pred, U_pred, m_filt, U_filt, F, G, H, innovation, gain, C, source,
+    m_pred, U_pred, m_filt, U_filt, F, G, H, innovation, gain_t, C, source,
 ):  # fmt: skip
     """Run the filter; the arrays from m_pred on are written.
 
     Where the steps are equal and the covariances have come to rest, only the means are computed, see ``rest``. Given
-    arrays for gain and C, see ``predict_joint``, it gathers what a smoother needs; source[k] is where step k has its
+    arrays for gain_t and C, see ``predict_joint``, it gathers what a smoother needs; source[k] is where step k has its
     own. U_pred, U_filt, F and G may then have room for two samples only, which are used in turns.
 
     Returns:
         Code, sample, log-likelihood, and number of singular predictions, which are counted for a smoother.
     """
+    n, nv, ny = m_pred.shape[1], UQ.shape[0], UR.shape[0]
+    return _steps(
+        scheme, drift_jacobian, output_jacobian, p, dt, u, y, UQ, UR,
+        m_pred, U_pred, m_filt, U_filt, F, G, H, innovation, gain_t, C, source,
+        np.empty(ny), np.empty((2, n, n)), workspace(n, nv), scratch(n, nv, ny, len(gain_t) > 0),
+    )  # fmt: skip
+
+
+@routine
+def _steps(  # type: ignore[no-untyped-def]
+    scheme, drift_jacobian, output_jacobian, p, dt, u, y, UQ, UR,
+    m_pred, U_pred, m_filt, U_filt, F, G, H, innovation, gain_t, C, source,
+    y_hat, before, work, s,
+):  # fmt: skip
+    """The loop of ``run_filter``; y_hat (ny,), before (2, n, n), work and s are scratch."""
     N, n = m_pred.shape
     nv = UQ.shape[0]
     ny = UR.shape[0]
-    joint = len(gain) > 0
+    joint = len(gain_t) > 0
     turns = len(U_pred) < N
-    y_hat = np.empty(ny)
-    W, w, e = np.empty((ny + n, ny + n)), np.empty(2 * n + nv + ny), np.empty(ny)
-    W_pred = np.empty((n + nv, 2 * n + nv if joint else n))
-    pivot_column = np.empty(n, dtype=np.int64)
-    work = workspace(n, nv)
-    before = np.empty((2, n, n))
     alike, rests = 0, False
     loglik = 0.0
     rank, singular = n, 0
@@ -206,12 +216,12 @@ def run_filter(  # type: ignore[no-untyped-def]
             q = 0
             for i in range(ny):
                 if not math.isnan(innovation[k, i]):
-                    e[q] = innovation[k, i]
+                    s.e[q] = innovation[k, i]
                     q += 1
-            rise = correct(W, q, m_pred[k], e, m_filt[k])
+            rise = correct(s.W, q, m_pred[k], s.e, m_filt[k])
             copy_matrix(U_filt[last], U_filt[now])
         else:
-            rise = update(m_pred[k], U_pred[now], H[k], innovation[k], UR, m_filt[k], U_filt[now], W, w, e)
+            rise = update(m_pred[k], U_pred[now], H[k], innovation[k], UR, m_filt[k], U_filt[now], s)
         if not math.isfinite(rise):
             return SINGULAR_INNOVATION if math.isnan(rise) else NOT_FINITE, k, math.nan, singular
         loglik += rise
@@ -226,9 +236,9 @@ def run_filter(  # type: ignore[no-untyped-def]
         if rests:
             copy_matrix(U_pred[now], U_pred[after])
         elif joint:
-            rank = predict_joint(U_filt[now], F[now], G[now], UQ, U_pred[after], gain[k], C[k], W_pred, pivot_column, w)
+            rank = predict_joint(U_filt[now], F[now], G[now], UQ, U_pred[after], gain_t[k], C[k], s)
         else:
-            predict(U_filt[now], F[now], G[now], UQ, U_pred[after], W_pred, w)
+            predict(U_filt[now], F[now], G[now], UQ, U_pred[after], s)
         if joint:
             source[k] = source[k - 1] if rests else k
             singular += rank < n

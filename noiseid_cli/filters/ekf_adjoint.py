@@ -132,7 +132,7 @@ def _innovation_parts(U, H, UR, innovation, seen, Hs, Sinv, K, a, W, V, w):  # t
                 total += U[r, c] * H[i, c]
             W[ny + r, s] = total
             V[r, s] = total
-    triangularise(W, ny + n, q, q, w)
+    triangularise(W, ny + n, q, q)
     # Columns of S^-1 H P = K', then of S^-1.
     for c in range(n + q):
         for s in range(q):
@@ -223,6 +223,7 @@ def _update_adjoint(  # type: ignore[no-untyped-def]
         types.int64, DriftJacobian, Adjoint, Adjoint, vector, vector, matrix, matrix, matrix,
         matrix, cube, matrix, cube, cube, cube, cube, matrix, matrix, matrix, vector, matrix, vector,
     ),
+    allocates=True,
 )  # fmt: skip
 def _reverse(  # type: ignore[no-untyped-def]
     scheme, drift_jacobian, drift_adjoint, output_adjoint, p, dt, u, Q, UR,

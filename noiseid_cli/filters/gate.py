@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from noiseid_cli.errors import EstimationError
 from noiseid_cli.filters.ekf import NOT_FINITE, OK, SINGULAR_INNOVATION, FilterDivergedError
-from noiseid_cli.filters.ekf_steps import predict, update
+from noiseid_cli.filters.ekf_steps import predict, scratch, update
 from noiseid_cli.filters.linalg import upper_factor
 from noiseid_cli.models.compiled import CompiledModel
 from noiseid_cli.models.discretisation import transition, workspace
@@ -100,6 +100,7 @@ def find_outliers(
         types.int64, DriftJacobian, OutputJacobian, vector, vector, matrix, matrix, matrix, matrix, vector, matrix,
         vector, types.boolean, types.boolean[:, ::1], matrix,
     ),
+    allocates=True,
 )  # fmt: skip
 def _gate(  # type: ignore[no-untyped-def]
     scheme, drift_jacobian, output_jacobian, p, dt, u, y, UQ, UR, m, U, limits, together, dropped, deviation
@@ -109,9 +110,8 @@ def _gate(  # type: ignore[no-untyped-def]
     n, nv = len(m), len(UQ)
     m_filt, U_filt = np.empty(n), np.empty((n, n))
     y_hat, H, nu = np.empty(ny), np.empty((ny, n)), np.empty(ny)
-    W, w, e = np.empty((ny + n, ny + n)), np.empty(ny + n), np.empty(ny)
-    F, G, W_pred = np.empty((n, n)), np.empty((n, nv)), np.empty((n + nv, n))
-    work = workspace(n, nv)
+    F, G = np.empty((n, n)), np.empty((n, nv))
+    work, s = workspace(n, nv), scratch(n, nv, ny, False)
     for k in range(N):
         output_jacobian(m, u[k], p, y_hat, H)
         q = 0
@@ -134,16 +134,16 @@ def _gate(  # type: ignore[no-untyped-def]
         for i in range(ny):
             if dropped[k, i]:
                 nu[i] = math.nan
-        gain = update(m, U, H, nu, UR, m_filt, U_filt, W, w, e)
+        gain = update(m, U, H, nu, UR, m_filt, U_filt, s)
         if together and q > 0:
             size = 0.0
             for i in range(q):
-                size += e[i] * e[i]
+                size += s.e[i] * s.e[i]
             if size > limits[q]:
                 for i in range(ny):
                     dropped[k, i] = not math.isnan(y[k, i])
                     nu[i] = math.nan
-                gain = update(m, U, H, nu, UR, m_filt, U_filt, W, w, e)
+                gain = update(m, U, H, nu, UR, m_filt, U_filt, s)
         if not math.isfinite(gain):
             return SINGULAR_INNOVATION if math.isnan(gain) else NOT_FINITE, k
         for i in range(n):
@@ -151,5 +151,5 @@ def _gate(  # type: ignore[no-untyped-def]
                 return NOT_FINITE, k
         if k < N - 1:
             transition(scheme, drift_jacobian, m_filt, u[k], dt[k], p, m, F, G, work)
-            predict(U_filt, F, G, UQ, U, W_pred, w)
+            predict(U_filt, F, G, UQ, U, s)
     return OK, N

@@ -101,14 +101,14 @@ def sigma_point_filter(
 
 
 @routine
-def correct(m, U, D, innovation, UR, m_out, U_out, W, w, e):  # type: ignore[no-untyped-def]
+def correct(m, U, D, innovation, UR, m_out, U_out, W, e):  # type: ignore[no-untyped-def]
     """Measurement update: one triangularisation of [UR 0; D_odd U; D_even 0] over the observed outputs.
 
     Args:
         m, U: predicted mean (n,) and factor (n, n).
         D: (2n, ny) factor rows of h at the points; innovation: (ny,), NaN where missing; UR: (ny, ny).
         m_out, U_out: outputs, may not alias U.
-        W, w, e: scratch (ny + 2n, ny + n), (ny + n,), (ny,).
+        W, e: scratch (ny + 2n, ny + n), (ny,).
 
     Returns:
         The log-likelihood of the innovation, NaN if its covariance is singular.
@@ -128,11 +128,11 @@ def correct(m, U, D, innovation, UR, m_out, U_out, W, w, e):  # type: ignore[no-
     for c in range(n):
         for r in range(ny + 2 * n):
             W[r, q + c] = U[r - ny, c] if ny <= r <= ny + c else 0.0
-    return condition(W, ny + 2 * n, q, m, e, m_out, U_out, w)
+    return condition(W, ny + 2 * n, q, m, e, m_out, U_out)
 
 
 @routine
-def joint(values, UQ, eta, centre, U, m_next, U_next, gain, C, mean, rows, W, pivot_column, w):  # type: ignore[no-untyped-def]
+def joint(values, UQ, eta, centre, U, m_next, U_next, gain, C, mean, rows, W, pivot_column):  # type: ignore[no-untyped-def]
     """Time update from the values of [F1, F2 UQ'] at the points, with the smoother's gain and factor.
 
     One triangularisation of [O U; E 0; (E F2 UQ')' 0; spread of F2 UQ' 0], O and E the odd and even rows of F1.
@@ -141,7 +141,7 @@ def joint(values, UQ, eta, centre, U, m_next, U_next, gain, C, mean, rows, W, pi
         values: (2n + 1, n + nv n), per point F1 and the columns of F2 UQ'.
         UQ: (nv, nv); eta, centre: see ``sigma_rows``; U: (n, n) factor of x_k.
         m_next, U_next, gain, C: outputs (n,), (n, n), (n, n), (n, n).
-        mean, rows, W, pivot_column, w: scratch.
+        mean, rows, W, pivot_column: scratch.
 
     Returns:
         The rank of the predicted covariance.
@@ -168,7 +168,7 @@ def joint(values, UQ, eta, centre, U, m_next, U_next, gain, C, mean, rows, W, pi
                 for c in range(n):
                     W[count, c] = rows[r, n + j * n + c]
                 count += 1
-    rank = echelon(W, count, 2 * n, n, pivot_column, w)
+    rank = echelon(W, count, 2 * n, n, pivot_column)
     for r in range(n):
         for c in range(n):
             U_next[r, c] = W[r, c] if r < rank else 0.0
@@ -185,7 +185,7 @@ def joint(values, UQ, eta, centre, U, m_next, U_next, gain, C, mean, rows, W, pi
     for r in range(left):
         for c in range(n):
             W[r, c] = W[rank + r, n + c]
-    triangularise(W, left, n, n, w)
+    triangularise(W, left, n, n)
     for r in range(n):
         for c in range(n):
             C[r, c] = W[r, c] if r <= c and r < left else 0.0
@@ -212,6 +212,7 @@ def propagate(scheme, drift_jacobian, X, u, dt, p, UQ, x_next, F, G, values, wor
         types.int64, DriftJacobian, Output, vector, vector, matrix, matrix, matrix, matrix, types.float64,
         types.float64, matrix, cube, matrix, cube, cube, matrix, cube, cube,
     ),
+    allocates=True,
 )  # fmt: skip
 def _filter(  # type: ignore[no-untyped-def]
     scheme, drift_jacobian, output, p, dt, u, y, UQ, UR, eta, centre,
@@ -229,7 +230,7 @@ def _filter(  # type: ignore[no-untyped-def]
     Y = np.empty((2 * n + 1, ny))
     D, y_hat = np.empty((2 * n, ny)), np.empty(ny)
     W = np.empty((ny + 2 * n, ny + n))
-    w, e = np.empty(ny + 2 * n), np.empty(ny)
+    e = np.empty(ny)
     values = np.empty((2 * n + 1, columns))
     mean, rows = np.empty(columns), np.empty((2 * n, columns))
     W_pred = np.empty((2 * n + nv + 2 * n * nv, 2 * n))
@@ -252,7 +253,7 @@ def _filter(  # type: ignore[no-untyped-def]
                     S[k, i, j] += UR[r, i] * UR[r, j]
                 for r in range(2 * n):
                     S[k, i, j] += D[r, i] * D[r, j]
-        added = correct(m_pred[k], U_pred[k], D, innovation[k], UR, m_filt[k], U_filt[k], W, w, e)
+        added = correct(m_pred[k], U_pred[k], D, innovation[k], UR, m_filt[k], U_filt[k], W, e)
         if not math.isfinite(added):
             return SINGULAR_INNOVATION if math.isnan(added) else NOT_FINITE, k, math.nan, singular
         loglik += added
@@ -264,7 +265,7 @@ def _filter(  # type: ignore[no-untyped-def]
             propagate(scheme, drift_jacobian, X, u[k], dt[k], p, UQ, x_next, F, G, values, work)
             rank = joint(
                 values, UQ, eta, centre, U_filt[k], m_pred[k + 1], U_pred[k + 1], gain[k], C[k],
-                mean, rows, W_pred, pivot_column, w,
+                mean, rows, W_pred, pivot_column,
             )  # fmt: skip
             singular += 1 if rank < n else 0
     return OK, N, loglik, singular

@@ -58,11 +58,11 @@ def sigma_point_smoother(filtered: SigmaFiltered) -> SigmaSmoothed:
     return SigmaSmoothed(m, U, T, V)
 
 
-@kernel(types.void(matrix, matrix, cube, cube, cube, matrix, cube, cube, cube))
+@kernel(types.void(matrix, matrix, cube, cube, cube, matrix, cube, cube, cube), allocates=True)
 def _smooth(m_pred, m_filt, U_filt, gain, C, m, U, T, V):  # type: ignore[no-untyped-def]
     """Run the smoother; m, U, T and V are written."""
     N, n = m_filt.shape
-    W, w = np.empty((2 * n, 2 * n)), np.empty(2 * n)
+    W = np.empty((2 * n, 2 * n))
     m[N - 1] = m_filt[N - 1]
     U[N - 1] = U_filt[N - 1]
     for k in range(N - 2, -1, -1):
@@ -80,7 +80,7 @@ def _smooth(m_pred, m_filt, U_filt, gain, C, m, U, T, V):  # type: ignore[no-unt
                 W[r, n + c] = U[k + 1, r, c]
                 W[n + r, c] = C[k, r, c]
                 W[n + r, n + c] = 0.0
-        triangularise(W, 2 * n, 2 * n, 2 * n, w)
+        triangularise(W, 2 * n, 2 * n, 2 * n)
         for r in range(n):
             for c in range(n):
                 U[k, r, c] = W[r, c]

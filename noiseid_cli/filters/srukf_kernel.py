@@ -16,7 +16,7 @@ from noiseid_cli.models.arrays import copy, copy_matrix
 from noiseid_cli.models.compiled import CompiledModel
 from noiseid_cli.models.discretisation import advance_all, transition, workspace
 from noiseid_cli.models.handle import borrowed, handle_type, new, workspace_of
-from noiseid_cli.models.jit import kernel, routine
+from noiseid_cli.models.jit import allocating, kernel
 from noiseid_cli.models.recording import Array
 from noiseid_cli.models.schemes import DENSITY, EXACT
 from noiseid_cli.models.signatures import Drift, DriftJacobian, Output, matrix, vector
@@ -85,7 +85,7 @@ def new_workspace(model: CompiledModel, own: Array) -> Workspace:
     )  # fmt: skip
 
 
-@routine
+@allocating
 def _predict(handle, u, dt):  # type: ignore[no-untyped-def]
     """Time update of x and U over an interval (riva2017_sensitivity_asrukf, Table 1)."""
     scheme, drift, drift_jacobian, s = handle.scheme, handle.drift, handle.drift_jacobian, workspace_of(handle)
@@ -109,7 +109,7 @@ def _predict(handle, u, dt):  # type: ignore[no-untyped-def]
     return OK if spread(s.X_next, n, s.x, outer, cov0, s.noise, s.A, s.w, s.d, s.U) else INDEFINITE_PREDICTION
 
 
-@kernel(HANDLE(types.int64, Drift, DriftJacobian, Output, _WORKSPACE))
+@kernel(HANDLE(types.int64, Drift, DriftJacobian, Output, _WORKSPACE), allocates=True)
 def prepare(scheme, drift, drift_jacobian, output, state):  # type: ignore[no-untyped-def]
     """The handle for ``run``."""
     handle = new(HANDLE)
@@ -125,6 +125,7 @@ def prepare(scheme, drift, drift_jacobian, output, state):  # type: ignore[no-un
     types.Tuple((types.int64, types.int64, types.float64))(
         HANDLE, types.boolean, vector, matrix, matrix, matrix, cube, matrix, cube, matrix,
     ),
+    allocates=True,
 )  # fmt: skip
 def run(handle, first, dt, u, y, m_pred, U_pred, m_filt, U_filt, innovation):  # type: ignore[no-untyped-def]
     """Take in the samples of y; the arrays from m_pred on are written. Returns (code, samples, loglik)."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from noiseid_cli.models.arrays import copy_matrix
 from noiseid_cli.models.exponential import held_exponential
-from noiseid_cli.models.jit import routine
+from noiseid_cli.models.jit import allocating, routine
 from noiseid_cli.models.schemes import DENSITY, DISCRETE, EULER, EXACT
 
 
@@ -178,7 +178,7 @@ def advance_all(scheme, drift, X, u, v, dt, p, X_next, work):  # type: ignore[no
                 X_next[i, c] = X[i, c] + dt * X_next[i, c]
 
 
-@routine
+@allocating
 def workspace(n, nv):  # type: ignore[no-untyped-def]
     """The scratch array that ``transition`` wants; zeros, since no interval is 0 s, mean that nothing is kept yet."""
     runge_kutta = 2 * n + n * n + n * nv + 3 * n * (n + nv + 1)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from noiseid_cli.models.arrays import copy_matrix
-from noiseid_cli.models.jit import routine
+from noiseid_cli.models.jit import allocating, routine
 
 # Terms of the series: at a norm of 1/2 the first one left out is 0.5^15 / 16! = 1e-18 of the sum.
 _TERMS = 14
@@ -138,7 +138,7 @@ def _balanced(A, B, d):  # type: ignore[no-untyped-def]
                     B[i, j] /= f
 
 
-@routine
+@allocating
 def held_exponential_adjoint(A, dt, Phi_bar, Psi_bar, A_bar):  # type: ignore[no-untyped-def]
     """Write A_bar, the derivatives by A of  <Phi_bar, Phi> + <Psi_bar, Psi>: ``held_exponential`` in reverse.
 

@@ -13,19 +13,28 @@ from noiseid_cli.models.cache import place_kernels
 
 place_kernels(Path(__file__).parents[1])
 
-from numba import njit  # noqa: E402 - it reads where to keep its cache when it is imported
+from numba import njit as _njit  # noqa: E402 - it reads where to keep its cache when it is imported
 
 Function = Callable[..., Any]
 
+njit: Any = _njit
+"""Its stubs do not know ``_nrt``, which says whether references to arrays are counted."""
 
-def kernel(signature: Any) -> Callable[[Function], Function]:
+
+def kernel(signature: Any, allocates: bool = False) -> Callable[[Function], Function]:
     """Compile an entry point for one signature; kept in the on-disk cache, runs without the interpreter lock.
 
     It is compiled, or read from the cache, when it is first called: a run pays for the kernels that it uses only.
+
+    Args:
+        signature: of the compiled function.
+        allocates: whether it makes arrays, or takes a record of ``models.handle``. Then numba counts references
+            to each array and to each view of one, by atomic operations that stop the processor's pipeline. A kernel
+            that loops over samples should therefore make its scratch arrays and leave the loop to a routine.
     """
 
     def declare(function: Function) -> Function:
-        compiled: Any = njit(cache=True, nogil=True, error_model="numpy")(function)
+        compiled: Any = njit(cache=True, nogil=True, error_model="numpy", _nrt=allocates)(function)
 
         def ready(*_: Any) -> Any:
             compiled.compile(signature)
@@ -47,6 +56,15 @@ def equation(signature: Any) -> Callable[[Function], Function]:
 
 
 def routine(function: Function) -> Function:
-    """Compile a subroutine of kernels for whatever it is called with."""
-    compiled: Function = njit(error_model="numpy")(function)
+    """Compile a subroutine of kernels into each place that calls it; it can make no arrays, see ``kernel``.
+
+    A call that is not put in place hands over nine numbers of each array, which takes as long as a small product.
+    """
+    compiled: Function = njit(error_model="numpy", _nrt=False, forceinline=True)(function)
+    return compiled
+
+
+def allocating(function: Function) -> Function:
+    """Compile a subroutine that makes arrays or takes a record of ``models.handle``, for kernels that do."""
+    compiled: Function = njit(error_model="numpy", _nrt=True, forceinline=True)(function)
     return compiled

@@ -110,7 +110,7 @@ def _motor_angles(compiled: CompiledModel, qa: Array, dqa: Array, ddqa: Array) -
     return qm
 
 
-@kernel(types.boolean(DriftJacobian, vector, matrix, matrix, matrix, matrix))
+@kernel(types.boolean(DriftJacobian, vector, matrix, matrix, matrix, matrix), allocates=True)
 def _balance(jacobian, p, qa, dqa, ddqa, qm):  # type: ignore[no-untyped-def]
     """Newton's method, sample by sample, for the motor angles that give the arms their acceleration.
 
@@ -141,7 +141,7 @@ def _balance(jacobian, p, qa, dqa, ddqa, qm):  # type: ignore[no-untyped-def]
     return True
 
 
-@kernel(types.void(DriftJacobian, vector, matrix, matrix, matrix, matrix, matrix))
+@kernel(types.void(DriftJacobian, vector, matrix, matrix, matrix, matrix, matrix), allocates=True)
 def _torques(jacobian, p, qa, qm, dqm, ddqm, u):  # type: ignore[no-untyped-def]
     """Torques u for given motor accelerations: dx[6:8] is affine in u with the diagonal gain of the motor noise."""
     x, dx, A, B, none = np.zeros(8), np.zeros(8), np.zeros((8, 8)), np.zeros((8, 4)), np.zeros(2)

@@ -23,7 +23,7 @@ def factor(rows, columns=None):
 def test_it_is_the_factor_that_reflections_give(shape):
     rows = np.random.default_rng(sum(shape)).normal(size=shape) * 10.0 ** np.arange(-3, shape[1] - 3)
     W = rows.copy()
-    triangularise(W, *shape, shape[1], np.empty(shape[1]))
+    triangularise(W, *shape, shape[1])
     full = np.zeros((shape[1], shape[1]))
     full[: shape[0]] = W[: shape[1]]
     U, lengths = factor(rows), np.linalg.norm(rows, axis=0)

@@ -18,14 +18,14 @@ from numba import types
 
 from noiseid_cli.estimators.cross_sectional.products import add, add_t, cholesky, t_add, unwhiten, whiten
 from noiseid_cli.models.arrays import copy_cube, copy_matrix
-from noiseid_cli.models.jit import kernel, routine
+from noiseid_cli.models.jit import allocating, kernel, routine
 from noiseid_cli.models.signatures import matrix
 
 cube = types.float64[:, :, ::1]
 tesseract = types.float64[:, :, :, ::1]
 
 
-@routine
+@allocating
 def update_scratch(nx, ny):  # type: ignore[no-untyped-def]
     """Matrices that ``update`` works in."""
     square, wide, small = np.empty((3, nx, nx)), np.empty((5, ny, nx)), np.empty((3, ny, ny))
@@ -202,7 +202,8 @@ def innovate(y, u, C, D, dC, dD, X, dX, Z, Y, G, dG, g):  # type: ignore[no-unty
     types.Tuple((types.int64, types.float64))(
         cube, cube, cube, cube, cube, cube, tesseract, tesseract, tesseract, tesseract, tesseract, tesseract,
         cube, cube, matrix, cube, matrix, cube, matrix, cube, cube, tesseract, tesseract, tesseract,
-    )
+    ),
+    allocates=True,
 )  # fmt: skip
 def differentiated_filter(  # type: ignore[no-untyped-def]
     A, B, Q, C, D, R, dA, dB, dQ, dC, dD, dR, u, y, P, dP, X, dX, Z, Y, G, dG, dS, g

@@ -82,7 +82,8 @@ def _matrices(family: LinearFamily, alpha: Array, A: Array, G: Array, C: Array) 
 @kernel(
     types.void(
         types.int64, DriftJacobian, OutputJacobian, matrix, matrix, vector, vector, cube, cube, matrix, cube, matrix
-    )
+    ),
+    allocates=True,
 )
 def _along(scheme, drift, output, path, u, dt, p, A, G, offset, C, h):  # type: ignore[no-untyped-def]
     """Matrices and offsets of every interval and sample; h becomes h(x^) - C x^."""

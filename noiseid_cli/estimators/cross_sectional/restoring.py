@@ -102,7 +102,9 @@ def expected_information(dnu: Array, dB: Array) -> Array:
     return information
 
 
-@kernel(types.float64(cube, tesseract, tesseract, matrix, cube, matrix, cube, cube, tesseract, tesseract))
+@kernel(
+    types.float64(cube, tesseract, tesseract, matrix, cube, matrix, cube, cube, tesseract, tesseract), allocates=True
+)
 def _restore(G, dG, dS, M, dM, b, db, nu, dnu, dB):  # type: ignore[no-untyped-def]
     """Measurement updates of b alone; in whitened units the "measurement noise" is I, its derivative dS.
 
