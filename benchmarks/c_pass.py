@@ -25,11 +25,11 @@ def c_pass(samples: int) -> Pass | str:
         return "no gcc here"
     model, recording, noise = robot_data(samples)
     n, nv, ny, N = model.nx, model.nv, model.ny, samples
-    library = _library(n, nv, ny)
+    library, wide = _library(n, nv, ny), (n + nv + 7) // 8 * 8
     given = [
         model.parameters, recording.dt, recording.u, recording.y, noise.m0[0], upper_factor(noise.P0, "P0"),
         upper_factor(noise.Q, "Q"), upper_factor(noise.R, "R"),
-        *(np.zeros(shape) for shape in ((N, n), (N, n), (N - 1, n + nv, n), (N - 1, nv, n + nv), (nv, nv))),
+        *(np.zeros(shape) for shape in ((N, n), (N, n), (N - 1, n, wide), (N - 1, nv, wide), (nv, nv))),
     ]  # fmt: skip
     arrays = [np.ascontiguousarray(a) for a in given]
     p, dt, u, y, *rest = [a.ctypes.data_as(ctypes.c_void_p) for a in arrays]

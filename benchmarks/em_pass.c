@@ -1,13 +1,19 @@
 /* One pass of EM in C: the algorithm of noiseid's kernels (filters/ekf_steps.py, filters/smoother.py and
-   estimators/extended_moments.py) with sizes that the compiler knows, for models whose outputs are all measured, whose
-   predicted covariance is regular, and whose scheme is Euler's. The model's functions stand in front of this text. */
+   estimators/extended_moments.py) on the same blocks of eight columns, with sizes that the compiler knows, for models
+   whose outputs are all measured, whose predicted covariance is regular, and whose scheme is Euler's. The model's
+   functions stand in front of this text. */
 
+typedef double eight __attribute__((vector_size(64), aligned(8), may_alias));
+#define BLOCK(place) (*(eight *)(place))
+#define BLOCKS(columns) (((columns) + 7) / 8 * 8)
+#define MIN(a, b) ((a) < (b) ? (a) : (b))
+#define MAX(a, b) ((a) > (b) ? (a) : (b))
 #define WIDE (2 * NX + NV)
 
-/* Reflections from the left: the first `pivots` columns of A become upper-triangular. */
+/* Reflections from the left: the first `pivots` columns of A become upper-triangular; A has whole blocks. */
 #define TRIANGULARISE(A, rows, columns, pivots)                                              \
     for (int j = 0; j < MIN(rows, pivots); j++) {                                            \
-        double w[columns], below = 0.0, pivot = A[j][j];                                     \
+        double below = 0.0, pivot = A[j][j];                                                 \
         for (int i = j + 1; i < (rows); i++) below += A[i][j] * A[i][j];                     \
         if (below == 0.0) {                                                                  \
             if (pivot < 0.0) for (int k = j; k < (columns); k++) A[j][k] = -A[j][k];         \
@@ -16,22 +22,40 @@
         double norm = sqrt(pivot * pivot + below);                                           \
         double v0 = pivot <= 0.0 ? pivot - norm : -below / (pivot + norm);                   \
         double tau = 2.0 * v0 * v0 / (below + v0 * v0), scale = 1.0 / v0;                    \
-        for (int k = 0; k < (columns); k++) w[k] = A[j][k];                                  \
-        for (int i = j + 1; i < (rows); i++) {                                               \
-            double v = A[i][j] *= scale;                                                     \
-            for (int k = j + 1; k < (columns); k++) w[k] += v * A[i][k];                     \
+        for (int c = (columns) - 8; c >= j / 8 * 8; c -= 8) {                                \
+            eight sums = BLOCK(&A[j][c]);                                                    \
+            for (int i = j + 1; i < (rows); i++) sums += scale * A[i][j] * BLOCK(&A[i][c]);  \
+            sums *= tau;                                                                     \
+            BLOCK(&A[j][c]) -= sums;                                                         \
+            for (int i = j + 1; i < (rows); i++) {                                           \
+                double factor = scale * A[i][j];                                             \
+                BLOCK(&A[i][c]) -= factor * sums;                                            \
+            }                                                                                \
         }                                                                                    \
         A[j][j] = norm;                                                                      \
-        for (int k = j + 1; k < (columns); k++) { w[k] *= tau; A[j][k] -= w[k]; }            \
-        for (int i = j + 1; i < (rows); i++) {                                               \
-            double v = A[i][j];                                                              \
-            A[i][j] = 0.0;                                                                   \
-            for (int k = j + 1; k < (columns); k++) A[i][k] -= v * w[k];                     \
-        }                                                                                    \
-    }
-#define MIN(a, b) ((a) < (b) ? (a) : (b))
+    }                                                                                        \
+    for (int j = 0; j < MIN(rows, pivots); j++) for (int i = j + 1; i < (rows); i++) A[i][j] = 0.0;
+
+/* W = U B of an upper triangle U, in whole blocks. */
+#define UPPER_TIMES(U, n, B, columns, W, row)                                                \
+    for (int c = 0; c < BLOCKS(columns); c += 8)                                             \
+        for (int r = 0; r < (n); r++) {                                                      \
+            eight sums = U[r][r] * BLOCK(&B[r][c]);                                          \
+            for (int j = r + 1; j < (n); j++) sums += U[r][j] * BLOCK(&B[j][c]);             \
+            BLOCK(&W[(row) + r][c]) = sums;                                                  \
+        }
+
+/* Solve the first n columns of an upper triangle for those from `first` on, in place. */
+#define BACK_SUBSTITUTE(A, n, first, columns)                                                \
+    for (int i = (n) - 1; i >= 0; i--)                                                       \
+        for (int c = first; c < (first) + BLOCKS(columns); c += 8) {                         \
+            eight sums = BLOCK(&A[i][c]);                                                    \
+            for (int j = i + 1; j < (n); j++) sums -= A[i][j] * BLOCK(&A[j][c]);             \
+            BLOCK(&A[i][c]) = 1.0 / A[i][i] * sums;                                          \
+        }
 
 typedef double Vx[NX], Vy[NY], Mxx[NX][NX], Mxv[NX][NV], Mvv[NV][NV], Myx[NY][NX], Myy[NY][NY];
+typedef double Gain[NX][BLOCKS(NX + NV)], Left[NV][BLOCKS(NX + NV)], Bxv[NX][BLOCKS(NV)];
 
 static void step(double *x, double *u, double dt, double *p, double *next, Mxx F, Mxv G) {
     drift_jacobian(x, u, p, next, &F[0][0], &G[0][0]);
@@ -44,37 +68,36 @@ static void step(double *x, double *u, double dt, double *p, double *next, Mxx F
 }
 
 static double update(double *m, Mxx U, Myx H, double *e, Myy UR, double *m_out, Mxx U_out) {
-    double W[NY][NY + NX] = {0}, Z[NX][NY];
+    double W[NY + NX][BLOCKS(NY + BLOCKS(NX))] = {0}, Ht[NX][BLOCKS(NY)] = {0};
     for (int r = 0; r < NY; r++) for (int c = r; c < NY; c++) W[r][c] = UR[r][c];
-    memset(U_out, 0, sizeof(Mxx));
-    for (int r = 0; r < NX; r++) {
-        for (int c = 0; c < NY; c++) {
-            Z[r][c] = 0.0;
-            for (int j = r; j < NX; j++) Z[r][c] += U[r][j] * H[c][j];
-        }
-        for (int c = r; c < NX; c++) U_out[r][c] = U[r][c];
-    }
+    for (int i = 0; i < NY; i++) for (int c = 0; c < NX; c++) Ht[c][i] = H[i][c];
+    UPPER_TIMES(U, NX, Ht, NY, W, NY)
+    for (int r = 0; r < NX; r++) memcpy(&W[NY + r][NY], U[r], sizeof(Vx));
     for (int i = 0; i < NY; i++) {
-        Vx length;
+        Vx cosine, sine;
         double pivot = W[i][i], total = pivot * pivot;
-        for (int r = NX - 1; r >= 0; r--) length[r] = sqrt(total += Z[r][i] * Z[r][i]);
         for (int r = NX - 1; r >= 0; r--) {
-            if (Z[r][i] == 0.0 || length[r] == 0.0) continue;
-            double scale = 1.0 / length[r], cosine = scale * pivot, sine = scale * Z[r][i];
-            pivot = length[r];
-            for (int c = r; c < NX; c++) {
-                double above = W[i][NY + c], below = U_out[r][c];
-                W[i][NY + c] = cosine * above + sine * below;
-                U_out[r][c] = cosine * below - sine * above;
+            double below = W[NY + r][i];
+            total += below * below;
+            cosine[r] = 1.0, sine[r] = 0.0;
+            if (below != 0.0 && total != 0.0) {
+                double length = sqrt(total), scale = 1.0 / length;
+                cosine[r] = scale * pivot, sine[r] = scale * below;
+                pivot = length;
             }
-            for (int c = i + 1; c < NY; c++) {
-                double above = W[i][c], below = Z[r][c];
-                W[i][c] = cosine * above + sine * below;
-                Z[r][c] = cosine * below - sine * above;
+        }
+        for (int c = i / 8 * 8; c < BLOCKS(NY + NX); c += 8) {
+            eight above = BLOCK(&W[i][c]);
+            for (int r = NX - 1; r >= 0; r--) {
+                eight below = BLOCK(&W[NY + r][c]);
+                BLOCK(&W[NY + r][c]) = cosine[r] * below - sine[r] * above;
+                above = cosine[r] * above + sine[r] * below;
             }
+            BLOCK(&W[i][c]) = above;
         }
         W[i][i] = pivot;
     }
+    for (int r = 0; r < NX; r++) memcpy(U_out[r], &W[NY + r][NY], sizeof(Vx));
     double loglik = -0.5 * NY * 1.8378770664093453;
     for (int i = 0; i < NY; i++) {
         for (int j = 0; j < i; j++) e[i] -= W[j][i] * e[j];
@@ -88,82 +111,63 @@ static double update(double *m, Mxx U, Myx H, double *e, Myy UR, double *m_out, 
     return loglik;
 }
 
-static void rows_of_joint(Mxx U, Mvv UQ, Mxx F, Mxv G, double *W, int width) {
-    for (int c = 0; c < NX; c++) {
-        for (int r = 0; r < NX; r++) {
-            double total = 0.0;
-            for (int j = r; j < NX; j++) total += U[r][j] * F[c][j];
-            W[r * width + c] = total;
-        }
-        for (int r = 0; r < NV; r++) {
-            double total = 0.0;
-            for (int j = r; j < NV; j++) total += UQ[r][j] * G[c][j];
-            W[(NX + r) * width + c] = total;
-        }
-    }
-}
-
-/* U_pred, gain and C of one step from [U F', U, 0; UQ G', 0, UQ]. */
-static void predict_joint(Mxx U, Mvv UQ, Mxx F, Mxv G, Mxx U_pred, double (*gain)[NX], double (*C)[NX + NV]) {
-    double W[NX + NV][WIDE] = {0};
-    rows_of_joint(U, UQ, F, G, &W[0][0], WIDE);
-    for (int r = 0; r < NX; r++) for (int c = r; c < NX; c++) W[r][NX + c] = U[r][c];
-    for (int r = 0; r < NV; r++) for (int c = r; c < NV; c++) W[NX + r][2 * NX + c] = UQ[r][c];
-    TRIANGULARISE(W, NX + NV, WIDE, NX)
+/* U_pred, the transposed gain and C of one step from [U F', U, 0; UQ G', 0, UQ]. */
+static void predict_joint(Mxx U, Mvv UQ, Mxx F, Mxv G, Mxx U_pred, Gain gain, Left C) {
+    double W[NX + NV][MAX(BLOCKS(WIDE), NX + BLOCKS(NX + NV))] = {0};
+    double Ft[NX][BLOCKS(NX)] = {0}, Gt[NV][BLOCKS(NX)] = {0};
+    for (int r = 0; r < NX; r++) for (int c = 0; c < NX; c++) Ft[c][r] = F[r][c];
+    for (int r = 0; r < NX; r++) for (int c = 0; c < NV; c++) Gt[c][r] = G[r][c];
+    UPPER_TIMES(U, NX, Ft, NX, W, 0)
+    UPPER_TIMES(UQ, NV, Gt, NX, W, NX)
+    for (int r = 0; r < NX; r++) memcpy(&W[r][NX], U[r], sizeof(Vx));
+    for (int r = 0; r < NV; r++) memcpy(&W[NX + r][2 * NX], UQ[r], sizeof UQ[r]);
+    TRIANGULARISE(W, NX + NV, BLOCKS(WIDE), NX)
     for (int r = 0; r < NX; r++) memcpy(U_pred[r], W[r], sizeof(Vx));
-    for (int i = NX - 1; i >= 0; i--)
-        for (int j = 0; j < NX + NV; j++) {
-            double total = W[i][NX + j];
-            for (int c = i + 1; c < NX; c++) total -= W[i][c] * gain[j][c];
-            gain[j][i] = total / W[i][i];
-        }
-    for (int r = 0; r < NV; r++) memcpy(C[r], &W[NX + r][NX], sizeof(double) * (NX + NV));
+    for (int r = 0; r < NV; r++) memcpy(C[r], &W[NX + r][NX], sizeof C[r]);
+    BACK_SUBSTITUTE(W, NX, NX, NX + NV)
+    for (int r = 0; r < NX; r++) memcpy(gain[r], &W[r][NX], sizeof gain[r]);
 }
 
-/* L = F2^+ by a triangularisation of [F2, I]. */
-static void left_inverse(Mxv F2, double (*L)[NX]) {
-    double A[NX][NV + NX] = {0};
+/* Add what one step gives to the moment of the process noise; joint is the factor of (x_k, v_k). */
+static void add_moment(Mxx J1, Mxv F2, Vx r, Mxx U_next, double (*joint)[BLOCKS(NX + NV)], Mvv total) {
+    double A[NX][MAX(BLOCKS(NV + NX), NV + BLOCKS(NX))] = {0}, W[NV + NX][BLOCKS(NV)] = {0};
+    Bxv Lt = {0}, B = {0};
     for (int i = 0; i < NX; i++) {
         memcpy(A[i], F2[i], sizeof F2[i]);
         A[i][NV + i] = 1.0;
     }
-    TRIANGULARISE(A, NX, NV + NX, NV)
-    for (int r = 0; r < NX; r++)
-        for (int i = NV - 1; i >= 0; i--) {
-            double total = A[i][NV + r];
-            for (int j = i + 1; j < NV; j++) total -= A[i][j] * L[j][r];
-            L[i][r] = total / A[i][i];
+    TRIANGULARISE(A, NX, BLOCKS(NV + NX), NV)
+    BACK_SUBSTITUTE(A, NV, NV, NX)
+    for (int c = 0; c < NV; c++) for (int i = 0; i < NX; i++) Lt[i][c] = A[c][NV + i];
+    UPPER_TIMES(U_next, NX, Lt, NV, W, NV)
+    for (int c = 0; c < BLOCKS(NV); c += 8) {
+        for (int j = 0; j < NX; j++) {
+            eight sums = -J1[0][j] * BLOCK(&Lt[0][c]);
+            for (int i = 1; i < NX; i++) sums -= J1[i][j] * BLOCK(&Lt[i][c]);
+            BLOCK(&B[j][c]) = sums;
         }
-}
-
-/* Add what one step gives to the moment of the process noise. */
-static void add_moment(Mxx J1, Mxv F2, Vx r, Mxx U_next, double (*gain)[NX], double (*C)[NX + NV], Mvv total) {
-    double L[NV][NX], W[NV + NX + 1][NV];
-    left_inverse(F2, L);
-    for (int c = 0; c < NV; c++) {
-        Vx B = {0}, D;
-        memcpy(D, L[c], sizeof D);
-        for (int i = 0; i < NX; i++) for (int j = 0; j < NX; j++) B[j] += L[c][i] * J1[i][j];
-        for (int i = 0; i < NX; i++) for (int j = 0; j < NX; j++) D[j] -= B[i] * gain[i][j];
-        for (int q = 0; q < NV; q++) {
-            W[q][c] = 0.0;
-            for (int j = 0; j < NX; j++) W[q][c] -= C[q][j] * B[j];
+        for (int q = 0; q < NV + NX; q++) {
+            eight sums = BLOCK(&W[q][c]);
+            for (int j = 0; j < NX; j++) sums += joint[q][j] * BLOCK(&B[j][c]);
+            BLOCK(&W[q][c]) = sums;
         }
-        for (int q = 0; q < NX; q++) {
-            W[NV + q][c] = 0.0;
-            for (int j = q; j < NX; j++) W[NV + q][c] += U_next[q][j] * D[j];
-        }
-        W[NV + NX][c] = 0.0;
-        for (int j = 0; j < NX; j++) W[NV + NX][c] += L[c][j] * r[j];
     }
-    for (int q = 0; q < NV + NX + 1; q++)
-        for (int i = 0; i < NV; i++) for (int j = 0; j < NV; j++) total[i][j] += W[q][i] * W[q][j];
+    double v[NV] = {0};
+    for (int c = 0; c < NV; c++) for (int i = 0; i < NX; i++) v[c] += A[c][NV + i] * r[i];
+    for (int i = 0; i < NV; i++) {
+        double row[BLOCKS(NV)];
+        for (int c = 0; c < BLOCKS(NV); c += 8) {
+            eight sums = W[0][i] * BLOCK(&W[0][c]);
+            for (int q = 1; q < NV + NX; q++) sums += W[q][i] * BLOCK(&W[q][c]);
+            BLOCK(&row[c]) = sums;
+        }
+        for (int j = 0; j < NV; j++) total[i][j] += v[i] * v[j] + row[j];
+    }
 }
 
 /* Filter, and the way back with the sum of E[v v' | y] (NV, NV) in sum_v. Returns the log-likelihood. */
 double em_pass(long N, double *p, double *dt, double *u, long nu, double *y, double *m0, double *U0, double *Q_factor,
-               double *R_factor, Vx *m_pred, Vx *m_filt, double (*gain)[NX + NV][NX], double (*C)[NV][NX + NV],
-               double *sum_v) {
+               double *R_factor, Vx *m_pred, Vx *m_filt, Gain *gain, Left *C, double *sum_v) {
     Mvv UQ, total = {0};
     Myy UR;
     Mxx U_pred, U_filt, F;
@@ -188,24 +192,19 @@ double em_pass(long N, double *p, double *dt, double *u, long nu, double *y, dou
     memcpy(m_next, m_filt[N - 1], sizeof m_next);
     memcpy(U_next, U_filt, sizeof U_next);
     for (long k = N - 2; k >= 0; k--) {
-        double S[NV + NX][NX];
-        for (int i = 0; i < NX; i++) {
-            m[i] = m_filt[k][i];
-            for (int j = 0; j < NX; j++) m[i] += gain[k][i][j] * (m_next[j] - m_pred[k + 1][j]);
+        double joint[NV + NX][BLOCKS(NX + NV)];
+        memcpy(m, m_filt[k], sizeof m);
+        for (int j = 0; j < NX; j++) {
+            double shift = m_next[j] - m_pred[k + 1][j];
+            for (int i = 0; i < NX; i++) m[i] += gain[k][j][i] * shift;
         }
         step(m, u + k * nu, dt[k], p, next, F, G);
         for (int i = 0; i < NX; i++) r[i] = m_next[i] - next[i];
-        add_moment(F, G, r, U_next, gain[k], C[k], total);
-        for (int i = 0; i < NX; i++) {
-            for (int q = 0; q < NV; q++) S[q][i] = C[k][q][i];
-            for (int q = 0; q < NX; q++) {
-                double sum = 0.0;
-                for (int j = q; j < NX; j++) sum += U_next[q][j] * gain[k][i][j];
-                S[NV + q][i] = sum;
-            }
-        }
-        TRIANGULARISE(S, NV + NX, NX, NX)
-        memcpy(U_next, S, sizeof U_next);
+        memcpy(joint, C[k], sizeof C[k]);
+        UPPER_TIMES(U_next, NX, gain[k], NX + NV, joint, NV)
+        add_moment(F, G, r, U_next, joint, total);
+        TRIANGULARISE(joint, NV + NX, BLOCKS(NX), NX)
+        for (int q = 0; q < NX; q++) memcpy(U_next[q], joint[q], sizeof(Vx));
         memcpy(m_next, m, sizeof m_next);
     }
     memcpy(sum_v, total, sizeof total);

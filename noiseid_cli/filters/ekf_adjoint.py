@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import types
@@ -30,6 +31,7 @@ from noiseid_cli.models.discretisation_adjoint import REVERSIBLE, adjoint_work_s
 from noiseid_cli.models.jit import kernel, routine
 from noiseid_cli.models.recording import Array, Recording
 from noiseid_cli.models.signatures import Adjoint, DriftJacobian, matrix, vector
+from noiseid_cli.models.vectors import EIGHT, load, plus, store, times
 
 
 @dataclass(frozen=True)
@@ -95,16 +97,28 @@ def _gram(U, P):  # type: ignore[no-untyped-def]
 @routine
 def _sandwich(A, X, Y, out, W):  # type: ignore[no-untyped-def]
     """Write A' X Y to out, with A (r, a), X (r, s), Y (s, b); W is scratch (>= r, >= b)."""
-    r, a = A.shape
-    s, b = Y.shape
-    for i in range(r):
-        for j in range(b):
+    r, columns = np.uint64(A.shape[0]), np.uint64(A.shape[1])
+    s, b = np.uint64(Y.shape[0]), np.uint64(Y.shape[1])
+    one, whole = np.uint64(1), b // EIGHT * EIGHT
+    for block in range(b // EIGHT):
+        j = block * EIGHT
+        for i in range(r):
+            sums = times(X[i, 0], load(Y, 0, j))
+            for c in range(one, s):
+                sums = plus(sums, X[i, c], load(Y, c, j))
+            store(W, i, j, sums)
+        for i in range(columns):
+            sums = times(A[0, i], load(W, 0, j))
+            for c in range(one, r):
+                sums = plus(sums, A[c, i], load(W, c, j))
+            store(out, i, j, sums)
+    for j in range(whole, b):
+        for i in range(r):
             total = 0.0
             for c in range(s):
                 total += X[i, c] * Y[c, j]
             W[i, j] = total
-    for i in range(a):
-        for j in range(b):
+        for i in range(columns):
             total = 0.0
             for c in range(r):
                 total += A[c, i] * W[c, j]
@@ -230,20 +244,54 @@ def _reverse(  # type: ignore[no-untyped-def]
     m_pred, U_pred, m_filt, U_filt, F, G, H, innovation, Q_, R_, m_, P_, p_,
 ):  # fmt: skip
     """Run backward; Q_, R_ and p_ are added to, m_ and P_ end as the weights of the first state's moments."""
-    N, n = m_pred.shape
-    nv = Q.shape[0]
-    ny = UR.shape[0]
+    n, nv, ny = m_pred.shape[1], Q.shape[0], UR.shape[0]
     b = max(n, nv, ny, 2)
-    seen = np.empty(ny, dtype=np.int64)
-    Hs, Sinv, M = np.empty((ny, n)), np.empty((ny, ny)), np.empty((ny, ny))
-    K, V = np.empty((n, ny)), np.empty((n, ny))
-    a, Km = np.empty(ny), np.empty(ny)
-    P, J, X, W = np.empty((n, n)), np.empty((n, n)), np.empty((b, b)), np.empty((ny + b, b))
-    F_, G_ = np.empty((n, n)), np.empty((n, nv))
-    w_out = np.empty(ny * (1 + n))
-    h_, H_ = w_out[:ny], w_out[ny:].reshape(ny, n)
-    w, gx, gp = np.empty(n + ny), np.empty(n), np.empty(p.size)
-    work = np.empty(adjoint_work_size(n, nv, p.size))
+    s = _Scratch(
+        np.empty(ny, dtype=np.int64), np.empty((ny, n)), np.empty((ny, ny)), np.empty((ny, ny)), np.empty((n, ny)),
+        np.empty((n, ny)), np.empty(ny), np.empty(ny), np.empty((n, n)), np.empty((n, n)), np.empty((b, b)),
+        np.empty((ny + b, b)), np.empty((n, n)), np.empty((n, nv)), np.empty(ny * (1 + n)), np.empty(n + ny),
+        np.empty(n), np.empty(p.size), np.empty(adjoint_work_size(n, nv, p.size)),
+    )  # fmt: skip
+    _steps(
+        scheme, drift_jacobian, drift_adjoint, output_adjoint, p, dt, u, Q, UR,
+        m_pred, U_pred, m_filt, U_filt, F, G, H, innovation, Q_, R_, m_, P_, p_, s,
+    )  # fmt: skip
+
+
+class _Scratch(NamedTuple):
+    """What ``_steps`` works in."""
+
+    seen: Any  # (ny,)
+    Hs: Any  # (ny, n)
+    Sinv: Any  # (ny, ny)
+    M: Any  # (ny, ny)
+    K: Any  # (n, ny)
+    V: Any  # (n, ny)
+    a: Any  # (ny,)
+    Km: Any  # (ny,)
+    P: Any  # (n, n)
+    J: Any  # (n, n)
+    X: Any  # (b, b), b the largest of n, nv, ny and 2
+    W: Any  # (ny + b, b)
+    F_: Any  # (n, n)
+    G_: Any  # (n, nv)
+    w_out: Any  # (ny (1 + n),)
+    w: Any  # (n + ny,)
+    gx: Any  # (n,)
+    gp: Any  # (np,)
+    work: Any
+
+
+@routine
+def _steps(  # type: ignore[no-untyped-def]
+    scheme, drift_jacobian, drift_adjoint, output_adjoint, p, dt, u, Q, UR,
+    m_pred, U_pred, m_filt, U_filt, F, G, H, innovation, Q_, R_, m_, P_, p_, s,
+):  # fmt: skip
+    """The loop of ``_reverse``."""
+    N, n = m_pred.shape
+    nv, ny = Q.shape[0], UR.shape[0]
+    seen, Hs, Sinv, K, a, P, X, W, F_, G_ = s.seen, s.Hs, s.Sinv, s.K, s.a, s.P, s.X, s.W, s.F_, s.G_
+    h_, H_, gx, gp = s.w_out[:ny], s.w_out[ny:].reshape(ny, n), s.gx, s.gp
     m_[:] = 0.0
     P_[:, :] = 0.0
     for k in range(N - 1, -1, -1):
@@ -258,7 +306,7 @@ def _reverse(  # type: ignore[no-untyped-def]
                 for j in range(nv):
                     G_[i, j] *= 2.0
             transition_adjoint(
-                scheme, drift_jacobian, drift_adjoint, m_filt[k], u[k], dt[k], p, m_, F_, G_, gx, gp, work
+                scheme, drift_jacobian, drift_adjoint, m_filt[k], u[k], dt[k], p, m_, F_, G_, gx, gp, s.work
             )
             for i in range(n):
                 m_[i] = gx[i]
@@ -272,13 +320,13 @@ def _reverse(  # type: ignore[no-untyped-def]
             for i in range(n):
                 for j in range(n):
                     P_[i, j] = P[i, j]
-        q = _innovation_parts(U_pred[k], H[k], UR, innovation[k], seen, Hs, Sinv, K, a, W, V, w)
+        q = _innovation_parts(U_pred[k], H[k], UR, innovation[k], seen, Hs, Sinv, K, a, W, s.V, s.w)
         if q == 0:
             continue
         _update_adjoint(
-            q, seen, Hs, Sinv, K, a, U_pred[k], U_filt[k], innovation[k], m_, P_, h_, H_, R_, P, J, M, Km, X, W
+            q, seen, Hs, Sinv, K, a, U_pred[k], U_filt[k], innovation[k], m_, P_, h_, H_, R_, P, s.J, s.M, s.Km, X, W
         )
-        output_adjoint(m_pred[k], u[k], p, w_out, gx, gp)
+        output_adjoint(m_pred[k], u[k], p, s.w_out, gx, gp)
         for i in range(n):
             m_[i] += gx[i]
         for j in range(p.size):
