@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 LOCAL = "local"
 _LOOPBACK = ("127.0.0.1", "localhost", "::1")
 _PATIENCE = 10.0  # s until a scheduler that does not answer counts as not there
+_MOMENT = 1.0  # s that one question to the scheduler may hold up the others
 _LOST = (
     "the connection to the dask scheduler was lost; what is finished is kept, and the same command goes on from there"
 )
@@ -71,10 +72,12 @@ def on_cluster(
                 pending[client.submit(work, recipe, _absolute(unit), pure=False)] = unit
                 listener.begin(unit.name)
             for future in _ended(client, pending):
-                unit = pending.pop(future)
+                unit = pending[future]
                 with _losses_told():
                     token = _token(future, unit)
-                yield replace(token, unit=unit.name, path=unit.path)
+                if token:
+                    del pending[future]
+                    yield replace(token, unit=unit.name, path=unit.path)
 
 
 def work(recipe: Recipe, unit: Unit) -> Token | MachineError | str:
@@ -171,18 +174,21 @@ def _ended(client: Client, pending: dict[Any, Unit]) -> list[Any]:
     from distributed import wait
 
     with _losses_told(), suppress(TimeoutError):
-        wait(list(pending), timeout=1.0, return_when="FIRST_COMPLETED")
+        wait(list(pending), timeout=_MOMENT, return_when="FIRST_COMPLETED")
     if client.status != "running":
         raise MachineError(_LOST)
-    return [future for future in pending if future.status != "pending"]
+    return [future for future in pending if future.done()]  # not those that wait, nor those lost with their worker
 
 
-def _token(future: Future[Any], unit: Unit) -> Token:
-    """How a unit ended, from its future."""
+def _token(future: Future[Any], unit: Unit) -> Token | None:
+    """How a unit ended, from its future; None if what it told was lost with its worker, so that it is made again."""
     from distributed import KilledWorker
 
     if future.status == "finished":
-        told = future.result(timeout=_PATIENCE)
+        try:
+            told = future.result(timeout=_MOMENT)
+        except TimeoutError:
+            return None
         if isinstance(told, MachineError):
             raise told
         if isinstance(told, str):

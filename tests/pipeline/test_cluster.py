@@ -8,7 +8,7 @@ import threading
 
 import dask
 import pytest
-from distributed import LocalCluster
+from distributed import Future, LocalCluster
 from small_experiment import CONFIG, MODEL, arrays_of, noiseid, write_experiment
 
 from noiseid_cli.errors import DataError, MachineError
@@ -109,6 +109,25 @@ def test_a_unit_that_kills_its_worker_is_given_up_after_three_tries(tmp_path, cl
     assert tokens[1].message.startswith(f"its worker died {TRIES} times")
     assert read_failure(units[1].path).tries == TRIES
     assert [token.path for token in tokens] == [unit.path for unit in units]
+
+
+def test_what_a_unit_told_is_lost_with_its_worker(tmp_path, cluster, monkeypatch):
+    file = write_experiment(tmp_path)
+    context = open_experiment(file, tmp_path, ["simulate.replicates=3"])
+    fetch, fetched = Future.result, []
+
+    def result(future, timeout):
+        fetched.append(future.key)
+        if len(fetched) == 1:
+            for nanny in cluster.workers.values():
+                os.kill(nanny.pid, signal.SIGKILL)
+            raise TimeoutError
+        return fetch(future, timeout)
+
+    monkeypatch.setattr(Future, "result", result)
+    tokens = run_units(context, "simulate", dataset_units(context), Record(), dask=cluster.scheduler_address)
+    assert [token.state for token in tokens] == ["made"] * 3
+    assert fetched[0] in fetched[1:]
 
 
 def test_an_error_on_a_worker_is_a_token_and_a_bug_is_reported(tmp_path, cluster):
