@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from noiseid_cli.models.cache import place_kernels
+from noiseid_cli.models.stamp import stamp_of
 
 place_kernels(Path(__file__).parents[1])
 
@@ -37,8 +38,7 @@ def kernel(signature: Any, allocates: bool = False) -> Callable[[Function], Func
         compiled: Any = njit(cache=True, nogil=True, error_model="numpy", _nrt=allocates)(function)
 
         def ready(*_: Any) -> Any:
-            compiled.compile(signature)
-            compiled.disable_compile()
+            _compile(compiled, signature)
             vars(compiled).pop("_compile_for_args", None)  # another thread may have been here first
             return compiled
 
@@ -51,8 +51,20 @@ def kernel(signature: Any, allocates: bool = False) -> Callable[[Function], Func
 
 def equation(signature: Any) -> Callable[[Function], Function]:
     """Compile a function of a model, at once: kernels take it as a value, for which it must be there."""
-    compiled: Callable[[Function], Function] = njit(signature, cache=True, error_model="numpy")
-    return compiled
+
+    def declare(function: Function) -> Function:
+        compiled: Any = njit(cache=True, error_model="numpy")(function)
+        _compile(compiled, signature)
+        return compiled  # type: ignore[no-any-return]
+
+    return declare
+
+
+def _compile(compiled: Any, signature: Any) -> None:
+    """Compile a function, or read it from the cache if nothing that it is made of has changed."""
+    compiled._cache._cache_file._source_stamp = stamp_of(compiled)
+    compiled.compile(signature)
+    compiled.disable_compile()
 
 
 def routine(function: Function) -> Function:

@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -106,6 +107,76 @@ def test_a_kernel_is_compiled_when_it_is_called_and_found_again(places):
         assert process.communicate(timeout=60)[0] in (said + "0\n", said + "1\n")
     assert subprocess.run(run, capture_output=True, text=True, check=True).stdout == said + "1\n"
     assert list((places / "cache" / "kernels").rglob("*.nbc"))
+
+
+CALLED = """
+from typing import NamedTuple
+from noiseid_cli.models.jit import routine
+
+FACTOR = 2.0
+FACTORS = (1.0, 5.0)
+
+
+class Pair(NamedTuple):
+    a: float
+    b: float
+
+
+@routine
+def scale(x):
+    pair = Pair(x, x)
+    return FACTOR * pair.a
+"""
+CALLING = """
+from numba import float64
+from called import scale
+from noiseid_cli.models.jit import equation, kernel
+
+
+@kernel(float64(float64))
+def kept(x):
+    return scale(x)
+
+
+@equation(float64(float64))
+def made_at_once(x):
+    return scale(x)
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "result"),
+    [
+        ("", "", 6.0),
+        ("    pair", '    """Twice."""\n    # or so\n    pair', 6.0),
+        ("FACTORS = (1.0, 5.0)", "FACTORS = (1.0, 6.0)", 6.0),  # which no function reads
+        ("FACTOR = 2.0", "FACTOR = 3.0", 9.0),
+        ("FACTOR = 2.0", "import numpy as np\nFACTOR = np.float64(3.0)", 9.0),
+        ("return FACTOR * pair.a", "return FACTORS[1] * pair.b", 15.0),
+        ("return FACTOR *", "return FACTOR +", 5.0),
+    ],
+)
+def test_a_function_is_compiled_again_where_what_it_calls_has_changed_and_only_there(tmp_path, old, new, result):
+    """In another file, which numba does not look at; the time stamp of the function's own file says nothing."""
+
+    def run():
+        script = "from calling import *; print(kept(3.0), made_at_once(3.0), len(kept.stats.cache_hits))"
+        environment = os.environ | {
+            "PYTHONPATH": os.pathsep.join((str(tmp_path), *sys.path)),
+            "PYTHONHASHSEED": "random",
+        }
+        done = subprocess.run(
+            [sys.executable, "-c", script], capture_output=True, text=True, check=True, env=environment
+        )
+        return done.stdout.split()
+
+    (tmp_path / "called.py").write_text(CALLED)
+    (tmp_path / "calling.py").write_text(CALLING)
+    assert run() == ["6.0", "6.0", "0"]
+    assert CALLED.replace(old, new) != CALLED or old == new
+    (tmp_path / "called.py").write_text(CALLED.replace(old, new))
+    os.utime(tmp_path / "calling.py")
+    assert run() == [str(result), str(result), "1" if result == 6.0 else "0"]
 
 
 def imported_by(*arguments):
