@@ -22,7 +22,7 @@ from noiseid_cli.filters.linalg import add_products, left_solve
 from noiseid_cli.filters.sigma_points import draw
 from noiseid_cli.filters.sigma_rows import split
 from noiseid_cli.models.discretisation import transition, workspace
-from noiseid_cli.models.jit import kernel
+from noiseid_cli.models.jit import kernel, routine
 from noiseid_cli.models.signatures import DriftJacobian, Output, matrix, vector
 
 
@@ -42,18 +42,27 @@ def process_sigma(scheme, drift_jacobian, p, dt, u, eta, centre, m, U, T, V, sum
         m, U, T, V: of ``SigmaSmoothed``.
         sum_v: (nv, nv), updated.
     """
-    N, n = m.shape
-    nv = sum_v.shape[0]
+    n, nv = m.shape[1], sum_v.shape[0]
     if nv > n:
         return 0
+    points, columns = 2 * n + 1, nv * (1 + n)
+    return _process_steps(
+        scheme, drift_jacobian, p, dt, u, eta, centre, m, U, T, V, sum_v,
+        np.empty((points, n)), np.empty((points, columns)), np.empty(columns), np.empty((2 * n, columns)),
+        np.empty(n), np.empty((n, n)), np.empty((n, nv)), workspace(n, nv),
+        np.empty((n, nv + 1 + n)), np.empty(nv, dtype=np.int64), np.empty((1 + n, nv)),
+    )  # fmt: skip
+
+
+@routine
+def _process_steps(  # type: ignore[no-untyped-def]
+    scheme, drift_jacobian, p, dt, u, eta, centre, m, U, T, V, sum_v,
+    X, values, mean, rows, x_next, F, G, work, L, pivot_column, E,
+):  # fmt: skip
+    """The loop of ``process_sigma``; from X on, all is scratch."""
+    N, n = m.shape
+    nv = sum_v.shape[0]
     points = 2 * n + 1
-    columns = nv * (1 + n)
-    X = np.empty((points, n))
-    values = np.empty((points, columns))
-    mean, rows = np.empty(columns), np.empty((2 * n, columns))
-    x_next, F, G = np.empty(n), np.empty((n, n)), np.empty((n, nv))
-    work = workspace(n, nv)
-    L, pivot_column = np.empty((n, nv + 1 + n)), np.empty(nv, dtype=np.int64)
     for k in range(N - 1):
         draw(m[k], U[k], eta, X)
         for i in range(points):
@@ -76,10 +85,20 @@ def process_sigma(scheme, drift_jacobian, p, dt, u, eta, centre, m, U, T, V, sum
                     values[i, j * nv + c] = L[c, nv + j]
         split(values, eta, centre, mean, rows)
         # The mean, then the spread of what one row each of r and V gives.
-        add_products(mean.reshape(1 + n, nv), 1 + n, sum_v)
+        _add(mean, E, sum_v)
         for r in range(2 * n):
-            add_products(rows[r].reshape(1 + n, nv), 1 + n, sum_v)
+            _add(rows[r], E, sum_v)
     return -1
+
+
+@routine
+def _add(row, E, sum_v):  # type: ignore[no-untyped-def]
+    """Add E'E to sum_v, where E (1 + n, nv) takes its entries from the row."""
+    nv = E.shape[1]
+    for i in range(E.shape[0]):
+        for c in range(nv):
+            E[i, c] = row[i * nv + c]
+    add_products(E, E.shape[0], sum_v)
 
 
 @kernel(
@@ -91,15 +110,24 @@ def process_sigma(scheme, drift_jacobian, p, dt, u, eta, centre, m, U, T, V, sum
 )  # fmt: skip
 def measurement_sigma(output, p, u, y, eta, centre, m, U, UR, block_of, sum_e, samples):  # type: ignore[no-untyped-def]
     """Add E[e e' | y], completed where outputs are missing, as ``measurement_moment.measurement`` does."""
+    n, ny = m.shape[1], y.shape[1]
+    points = 2 * n + 1
+    _measurement_steps(
+        output, p, u, y, eta, centre, m, U, UR, block_of, sum_e, samples,
+        np.empty((points, n)), np.empty((points, ny)), np.empty(ny), np.empty((2 * n, ny)),
+        np.empty(ny, dtype=np.bool_), np.empty(ny, dtype=np.int64), np.empty((points + ny, ny)),
+        np.empty((ny, ny)), np.empty(ny),
+    )  # fmt: skip
+
+
+@routine
+def _measurement_steps(  # type: ignore[no-untyped-def]
+    output, p, u, y, eta, centre, m, U, UR, block_of, sum_e, samples, X, Y, y_hat, D, seen, block, E, W, w
+):
+    """The loop of ``measurement_sigma``; from X on, all is scratch."""
     N, n = m.shape
     ny = y.shape[1]
     points = 2 * n + 1
-    X, Y = np.empty((points, n)), np.empty((points, ny))
-    y_hat, D = np.empty(ny), np.empty((2 * n, ny))
-    seen = np.empty(ny, dtype=np.bool_)
-    block = np.empty(ny, dtype=np.int64)
-    E = np.empty((points + ny, ny))
-    W, w = np.empty((ny, ny)), np.empty(ny)
     for k in range(N):
         any_seen = False
         for i in range(ny):

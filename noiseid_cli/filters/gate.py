@@ -20,7 +20,7 @@ from noiseid_cli.filters.ekf_steps import predict, scratch, update
 from noiseid_cli.filters.linalg import upper_factor
 from noiseid_cli.models.compiled import CompiledModel
 from noiseid_cli.models.discretisation import transition, workspace
-from noiseid_cli.models.jit import kernel
+from noiseid_cli.models.jit import kernel, routine
 from noiseid_cli.models.noise import NoiseValues
 from noiseid_cli.models.recording import Array, Recording
 from noiseid_cli.models.signatures import DriftJacobian, OutputJacobian, matrix, vector
@@ -106,12 +106,22 @@ def _gate(  # type: ignore[no-untyped-def]
     scheme, drift_jacobian, output_jacobian, p, dt, u, y, UQ, UR, m, U, limits, together, dropped, deviation
 ):
     """Filter and test sample by sample; m and U are worked on, dropped and deviation are written."""
+    n, nv, ny = len(m), len(UQ), len(UR)
+    return _steps(
+        scheme, drift_jacobian, output_jacobian, p, dt, u, y, UQ, UR, m, U, limits, together, dropped, deviation,
+        np.empty(n), np.empty((n, n)), np.empty(ny), np.empty((ny, n)), np.empty(ny), np.empty((n, n)),
+        np.empty((n, nv)), workspace(n, nv), scratch(n, nv, ny, False),
+    )  # fmt: skip
+
+
+@routine
+def _steps(  # type: ignore[no-untyped-def]
+    scheme, drift_jacobian, output_jacobian, p, dt, u, y, UQ, UR, m, U, limits, together, dropped, deviation,
+    m_filt, U_filt, y_hat, H, nu, F, G, work, s,
+):  # fmt: skip
+    """The loop of ``_gate``; from m_filt on, all is scratch."""
     N, ny = y.shape
-    n, nv = len(m), len(UQ)
-    m_filt, U_filt = np.empty(n), np.empty((n, n))
-    y_hat, H, nu = np.empty(ny), np.empty((ny, n)), np.empty(ny)
-    F, G = np.empty((n, n)), np.empty((n, nv))
-    work, s = workspace(n, nv), scratch(n, nv, ny, False)
+    n = len(m)
     for k in range(N):
         output_jacobian(m, u[k], p, y_hat, H)
         q = 0

@@ -13,7 +13,7 @@ from numba import types
 from noiseid_cli.filters.ekf import cube
 from noiseid_cli.filters.linalg import triangularise
 from noiseid_cli.filters.sigma_filter import SigmaFiltered
-from noiseid_cli.models.jit import kernel
+from noiseid_cli.models.jit import kernel, routine
 from noiseid_cli.models.recording import Array
 from noiseid_cli.models.signatures import matrix
 
@@ -54,17 +54,22 @@ def sigma_point_smoother(filtered: SigmaFiltered) -> SigmaSmoothed:
     f = filtered
     N, n = f.m_filt.shape
     m, U, T, V = np.empty((N, n)), np.empty((N, n, n)), np.empty((N - 1, n, n)), np.empty((N - 1, n, n))
-    _smooth(f.m_pred, f.m_filt, f.U_filt, f.gain, f.C, m, U, T, V)
+    m[-1], U[-1] = f.m_filt[-1], f.U_filt[-1]
+    _smooth(f.m_pred, f.m_filt, f.gain, f.C, m, U, T, V)
     return SigmaSmoothed(m, U, T, V)
 
 
-@kernel(types.void(matrix, matrix, cube, cube, cube, matrix, cube, cube, cube), allocates=True)
-def _smooth(m_pred, m_filt, U_filt, gain, C, m, U, T, V):  # type: ignore[no-untyped-def]
-    """Run the smoother; m, U, T and V are written."""
+@kernel(types.void(matrix, matrix, cube, cube, matrix, cube, cube, cube), allocates=True)
+def _smooth(m_pred, m_filt, gain, C, m, U, T, V):  # type: ignore[no-untyped-def]
+    """Run the smoother; m, U, T and V are written, but for the last sample's m and U."""
+    n = m.shape[1]
+    _steps(m_pred, m_filt, gain, C, m, U, T, V, np.empty((2 * n, 2 * n)))
+
+
+@routine
+def _steps(m_pred, m_filt, gain, C, m, U, T, V, W):  # type: ignore[no-untyped-def]
+    """The loop of ``_smooth``; W (2n, 2n) is scratch."""
     N, n = m_filt.shape
-    W = np.empty((2 * n, 2 * n))
-    m[N - 1] = m_filt[N - 1]
-    U[N - 1] = U_filt[N - 1]
     for k in range(N - 2, -1, -1):
         for i in range(n):
             m[k, i] = m_filt[k, i]
