@@ -11,11 +11,12 @@ import numpy as np
 from numba import types
 
 from noiseid_cli.filters.ekf import cube
-from noiseid_cli.filters.linalg import triangularise
+from noiseid_cli.filters.linalg import transpose, triangularise, upper_times
 from noiseid_cli.filters.sigma_filter import SigmaFiltered
 from noiseid_cli.models.jit import kernel, routine
 from noiseid_cli.models.recording import Array
 from noiseid_cli.models.signatures import matrix
+from noiseid_cli.models.vectors import blocks, clear, rows_out
 
 
 @dataclass(frozen=True)
@@ -63,12 +64,13 @@ def sigma_point_smoother(filtered: SigmaFiltered) -> SigmaSmoothed:
 def _smooth(m_pred, m_filt, gain, C, m, U, T, V):  # type: ignore[no-untyped-def]
     """Run the smoother; m, U, T and V are written, but for the last sample's m and U."""
     n = m.shape[1]
-    _steps(m_pred, m_filt, gain, C, m, U, T, V, np.empty((2 * n, 2 * n)))
+    X, W = np.zeros((n, blocks(n))), np.zeros((2 * n, blocks(2 * n)))
+    _steps(m_pred, m_filt, gain, C, m, U, T, V, X, W)
 
 
 @routine
-def _steps(m_pred, m_filt, gain, C, m, U, T, V, W):  # type: ignore[no-untyped-def]
-    """The loop of ``_smooth``; W (2n, 2n) is scratch."""
+def _steps(m_pred, m_filt, gain, C, m, U, T, V, X, W):  # type: ignore[no-untyped-def]
+    """The loop of ``_smooth``; X (n, blocks(n)) and W (2n, blocks(2n)) are scratch, zero at first."""
     N, n = m_filt.shape
     for k in range(N - 2, -1, -1):
         for i in range(n):
@@ -76,18 +78,14 @@ def _steps(m_pred, m_filt, gain, C, m, U, T, V, W):  # type: ignore[no-untyped-d
             for j in range(n):
                 m[k, i] += gain[k, i, j] * (m[k + 1, j] - m_pred[k + 1, j])
         # [U_{k+1} gain', U_{k+1}; C, 0] is a factor of (x_k, x_{k+1}); bring it to triangular form.
+        transpose(gain[k], X)
+        upper_times(U[k + 1], X, W, 0)
         for r in range(n):
+            clear(W, n + r, n)
             for c in range(n):
-                total = 0.0
-                for j in range(r, n):
-                    total += U[k + 1, r, j] * gain[k, c, j]
-                W[r, c] = total
                 W[r, n + c] = U[k + 1, r, c]
                 W[n + r, c] = C[k, r, c]
-                W[n + r, n + c] = 0.0
-        triangularise(W, 2 * n, 2 * n, 2 * n)
-        for r in range(n):
-            for c in range(n):
-                U[k, r, c] = W[r, c]
-                T[k, r, c] = W[r, n + c]
-                V[k, r, c] = W[n + r, n + c]
+        triangularise(W, 2 * n, W.shape[1], 2 * n)
+        rows_out(W, 0, 0, U[k])
+        rows_out(W, 0, n, T[k])
+        rows_out(W, n, n, V[k])
