@@ -232,10 +232,9 @@ def upper_factor(P: NDArray[np.float64], what: str) -> NDArray[np.float64]:
         EstimationError: P is not symmetric, not finite or has a negative eigenvalue.
     """
     P = np.asarray(P, dtype=float)
-    if not np.all(np.isfinite(P)):
+    if not np.isfinite(P).all():
         raise EstimationError(f"{what} has entries that are not finite numbers")
-    scale = float(np.max(np.abs(P), initial=0.0))
-    if np.max(np.abs(P - P.T), initial=0.0) > 1e-12 * scale:
+    if (P != P.T).any() and np.abs(P - P.T).max() > 1e-12 * np.abs(P).max():
         raise EstimationError(f"{what} is not symmetric")
     try:
         return np.ascontiguousarray(np.linalg.cholesky(P).T)
