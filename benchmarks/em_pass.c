@@ -132,13 +132,18 @@ static void predict_joint(Mxx U, Mvv UQ, Mxx F, Mxv G, Mxx U_pred, Gain gain, Le
 static void add_moment(Mxx J1, Mxv F2, Vx r, Mxx U_next, double (*joint)[BLOCKS(NX + NV)], Mvv total) {
     double A[NX][MAX(BLOCKS(NV + NX), NV + BLOCKS(NX))] = {0}, W[NV + NX][BLOCKS(NV)] = {0};
     Bxv Lt = {0}, B = {0};
+    int rows = 0, entered[NX];  // the states that noise enters
     for (int i = 0; i < NX; i++) {
-        memcpy(A[i], F2[i], sizeof F2[i]);
-        A[i][NV + i] = 1.0;
+        double size = 0.0;
+        for (int c = 0; c < NV; c++) size += fabs(F2[i][c]);
+        if (size == 0.0) continue;
+        memcpy(A[rows], F2[i], sizeof F2[i]);
+        A[rows][NV + rows] = 1.0;
+        entered[rows++] = i;
     }
-    TRIANGULARISE(A, NX, BLOCKS(NV + NX), NV)
-    BACK_SUBSTITUTE(A, NV, NV, NX)
-    for (int c = 0; c < NV; c++) for (int i = 0; i < NX; i++) Lt[i][c] = A[c][NV + i];
+    TRIANGULARISE(A, rows, MIN(BLOCKS(NV + NX), (NV + rows + 7) / 8 * 8), NV)
+    BACK_SUBSTITUTE(A, NV, NV, rows)
+    for (int i = 0; i < rows; i++) for (int c = 0; c < NV; c++) Lt[entered[i]][c] = A[c][NV + i];
     UPPER_TIMES(U_next, NX, Lt, NV, W, NV)
     for (int c = 0; c < BLOCKS(NV); c += 8) {
         for (int j = 0; j < NX; j++) {
@@ -153,7 +158,7 @@ static void add_moment(Mxx J1, Mxv F2, Vx r, Mxx U_next, double (*joint)[BLOCKS(
         }
     }
     double v[NV] = {0};
-    for (int c = 0; c < NV; c++) for (int i = 0; i < NX; i++) v[c] += A[c][NV + i] * r[i];
+    for (int c = 0; c < NV; c++) for (int i = 0; i < rows; i++) v[c] += A[c][NV + i] * r[entered[i]];
     for (int i = 0; i < NV; i++) {
         double row[BLOCKS(NV)];
         for (int c = 0; c < BLOCKS(NV); c += 8) {

@@ -9,15 +9,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from noiseid_cli.filters.linalg import left_solve, products, transpose, upper_times
+from noiseid_cli.filters.linalg import left_solve, products, upper_times
 from noiseid_cli.models.jit import allocating, routine
-from noiseid_cli.models.vectors import EIGHT, blocks, clear, load, plus, rows_out, store, times
+from noiseid_cli.models.vectors import EIGHT, blocks, clear, load, plus, store, times
 
 
 class Scratch(NamedTuple):
     """What the steps work in; rows are as long as their blocks of eight."""
 
-    A: Any  # (n, ...), [F2 I] and then its solution
+    A: Any  # (n, ...), [F2 I] and then its solution, for the states that noise enters
+    entered: Any  # (n,), which these are
     L: Any  # (nv, n), F2^+
     Lt: Any  # (n, blocks(nv)), its transpose
     B: Any  # (n, blocks(nv)), (L J1)'
@@ -32,8 +33,9 @@ def scratch(n, nv, rows):  # type: ignore[no-untyped-def]
     """Make the scratch matrices."""
     columns = max(blocks(nv + n), nv + blocks(n))
     return Scratch(
-        np.zeros((n, columns)), np.zeros((nv, n)), np.zeros((n, blocks(nv))), np.zeros((n, blocks(nv))),
-        np.zeros((rows + n, blocks(nv))), np.zeros((nv, blocks(nv))), np.zeros(nv), np.zeros(nv, dtype=np.int64),
+        np.zeros((n, columns)), np.zeros(n, dtype=np.int64), np.zeros((nv, n)), np.zeros((n, blocks(nv))),
+        np.zeros((n, blocks(nv))), np.zeros((rows + n, blocks(nv))), np.zeros((nv, blocks(nv))), np.zeros(nv),
+        np.zeros(nv, dtype=np.int64),
     )  # fmt: skip
 
 
@@ -64,17 +66,35 @@ def spread_filtered(n, joint, s):  # type: ignore[no-untyped-def]
 
 @routine
 def left_inverse(F2, s):  # type: ignore[no-untyped-def]
-    """Write F2^+ (nv, n) to L; returns whether F2 (n, nv) has full column rank."""
+    """Write F2^+ (nv, n) to L; returns whether F2 (n, nv) has full column rank.
+
+    States that no noise enters, such as the positions of a mechanism, take no part: their columns of L are zero.
+    """
     n, nv = F2.shape
+    rows = 0
     for i in range(n):
+        size = 0.0
         for c in range(nv):
-            s.A[i, c] = F2[i, c]
+            size += abs(F2[i, c])
+            s.A[rows, c] = F2[i, c]
+        if size != 0.0:  # NaN is
+            s.entered[rows] = i
+            rows += 1
+    if rows < nv:
+        return False
+    for i in range(rows):
         clear(s.A, i, nv)
         s.A[i, nv + i] = 1.0
-    if not left_solve(s.A, nv, nv + n, s.pivot_column):
+    if not left_solve(s.A[:rows], nv, nv + rows, s.pivot_column):
         return False
-    rows_out(s.A, 0, nv, s.L)
-    transpose(s.L, s.Lt)
+    for c in range(nv):
+        clear(s.L, c, 0)
+    for i in range(n):
+        clear(s.Lt, i, 0)
+    for i in range(rows):
+        for c in range(nv):
+            s.L[c, s.entered[i]] = s.A[c, nv + i]
+            s.Lt[s.entered[i], c] = s.A[c, nv + i]
     return True
 
 
