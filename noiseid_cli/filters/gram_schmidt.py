@@ -13,10 +13,24 @@ import numpy as np
 
 from noiseid_cli.models.jit import routine
 
+FOUR = np.uint64(4)
+
 
 def width(rows: int) -> int:
     """Length of a column of ``rows`` rows in memory: the next multiple of four."""
     return -(-rows // 4) * 4
+
+
+@routine
+def _dot(A, j, k, end):  # type: ignore[no-untyped-def]
+    """Sum over A[j, :end] A[k, :end], in four sums that do not wait for each other; ``end`` is a multiple of four."""
+    a = b = c = d = 0.0
+    for i in range(np.uint64(0), end, FOUR):
+        a += A[j, i] * A[k, i]
+        b += A[j, i + np.uint64(1)] * A[k, i + np.uint64(1)]
+        c += A[j, i + np.uint64(2)] * A[k, i + np.uint64(2)]
+        d += A[j, i + np.uint64(3)] * A[k, i + np.uint64(3)]
+    return (a + b) + (c + d)
 
 
 @routine
@@ -29,34 +43,21 @@ def upper_of_columns(A, m, rows, U):  # type: ignore[no-untyped-def]
         U: (>= m, >= m), written: upper, non-negative diagonal, zeros below; a row of zeros where a column is exactly
             a sum of those before it. Squares that overflow give NaN.
     """
-    m, end, none, one = np.uint64(m), np.uint64(rows), np.uint64(0), np.uint64(1)
-    two, three, four = np.uint64(2), np.uint64(3), np.uint64(4)
-    padded = (end + three) // four * four
+    m, end, one = np.uint64(m), np.uint64(rows), np.uint64(1)
+    padded = (end + np.uint64(3)) // FOUR * FOUR
     for j in range(m):
         for i in range(end, padded):
             A[j, i] = 0.0
     for j in range(m):
         for k in range(m):
             U[j, k] = 0.0
-        a = b = c = d = 0.0
-        for i in range(none, padded, four):
-            a += A[j, i] * A[j, i]
-            b += A[j, i + one] * A[j, i + one]
-            c += A[j, i + two] * A[j, i + two]
-            d += A[j, i + three] * A[j, i + three]
-        length = math.sqrt((a + b) + (c + d))
+        length = math.sqrt(_dot(A, j, j, padded))
         if length == 0.0:
             continue
         U[j, j] = length if length < math.inf else math.nan
         scale = 1.0 / length
         for k in range(j + one, m):
-            a = b = c = d = 0.0
-            for i in range(none, padded, four):
-                a += A[j, i] * A[k, i]
-                b += A[j, i + one] * A[k, i + one]
-                c += A[j, i + two] * A[k, i + two]
-                d += A[j, i + three] * A[k, i + three]
-            U[j, k] = scale * ((a + b) + (c + d))
+            U[j, k] = scale * _dot(A, j, k, padded)
             share = scale * U[j, k]
             for i in range(padded):
                 A[k, i] -= share * A[j, i]

@@ -151,13 +151,12 @@ class Scratch(NamedTuple):
 
     X: Any  # (n, blocks(n + nv)), the transposed gain
     W: Any  # (rows + n, blocks(n + nv)), the joint of (x_k, v_k)
-    d: Any  # (1, blocks(n))
 
 
 @allocating
 def scratch(n, nv, rows):  # type: ignore[no-untyped-def]
     """Make the scratch matrices."""
-    return Scratch(np.zeros((n, blocks(n + nv))), np.zeros((rows + n, blocks(n + nv))), np.zeros((1, blocks(n))))
+    return Scratch(np.zeros((n, blocks(n + nv))), np.zeros((rows + n, blocks(n + nv))))
 
 
 @routine
